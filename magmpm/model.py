@@ -117,7 +117,7 @@ def _one(holding: set[str]) -> None:
 
 @dataclass(frozen=True)
 class Wetted:
-    """What of a model a fluid meets: its pieces (n,) that can move; first (n, 3): node indices, and values and slopes (n, 3, 3) of their
+    """Pieces (n,) of a model that can move and that a fluid meets; first (n, 3): node indices, and values and slopes (n, 3, 3) of their
     splines, in motion; particle (n,): one in the cell of each."""
 
     surface: WettedSurface
@@ -291,7 +291,7 @@ class Model:
 
     @cached_property
     def wetted(self) -> Wetted:
-        """What of the body a fluid around it meets."""
+        """Pieces of the body that a fluid around it meets."""
         shape = self.scene.body.shape
         found = shape.wetted(
             self.grid, base=not self.clamped_face and "base" not in dict(self.driven)

@@ -1,4 +1,4 @@
-"""What of a body a fluid meets: stretches of a rod's or strip's skin, its ends, and the faces of parts.
+"""Surfaces that a fluid meets: stretches of a rod's or strip's skin, its ends, and the faces of parts.
 
 A slender body meets a fluid as sections: the law of its drag (effects.fluid) is one of a length of rod, or of an area of strip, so its
 pieces lie around a rod, and in the middle of a strip. A body of parts meets it by the faces on its outside.

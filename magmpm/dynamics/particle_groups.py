@@ -31,7 +31,6 @@ class Packed:
     mass: NodalMass
     surface: SortedSurfacePoints
     point: Index
-    wetted: WettedPieces
 
     @property
     def node_place(self) -> Array:
@@ -112,15 +111,18 @@ def pack(model: Model) -> Packed:
     )
     nodes = Nodes(active=active, inverse_mass=inverse, place=place.ravel())
     least = int(first[:, axis].min())
-    surface, point = _surface(model, axis, least, slabs, strides)
     wetted = wetted_pieces(model, axis, least, slabs, strides, nodes)
-    return Packed(
-        cells, particles, nodes, np.where(real, particle, -1), mass, surface, point, wetted
-    )
+    surface, point = _surface(model, axis, least, slabs, strides, wetted)
+    return Packed(cells, particles, nodes, np.where(real, particle, -1), mass, surface, point)
 
 
 def _surface(
-    model: Model, axis: int, least: int, slabs: Index, strides: tuple[int, int]
+    model: Model,
+    axis: int,
+    least: int,
+    slabs: Index,
+    strides: tuple[int, int],
+    wetted: WettedPieces,
 ) -> tuple[SortedSurfacePoints, Index]:
     """The contact surface of a model, empty where it has none, with its patches in slabs across an axis, and which of the model's points
     each of its points is; least: first node there; slabs: first cell of each."""
@@ -134,6 +136,7 @@ def _surface(
                 np.zeros(1, np.int64),
                 none,
                 *[nothing] * 5,
+                wetted,
             ),
             none,
         )
@@ -149,6 +152,7 @@ def _surface(
         mass=found.mass[order],
         friction=found.friction[order],
         splines=np.zeros(SPLINES * len(starts)),
+        wetted=wetted,
     )
     return packed, order
 

@@ -216,7 +216,7 @@ class TotalMotion:
         flutter = self.flutter.copy() if flutter is None else flutter
         state = total_lagrangian_step.State(u, v, force, stiffness, touching, memory)
         cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
-        body = cells, p.particles, p.nodes, p.mass.correction, p.surface, p.wetted, meeting
+        body = cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
         return int(
             total_lagrangian_step.advance(
                 steps,

@@ -5,11 +5,11 @@ from itertools import product
 import numpy as np
 
 from magmpm.bodies.grid import spread
-from magmpm.bodies.wetted_surface import FACE, FLAT, ROUND
+from magmpm.bodies.wetted_surface import END
 from magmpm.compiled.arrays import Array, Index
-from magmpm.effects.calls import LAW
 from magmpm.effects.fluid import Fluid
-from magmpm.kernels.fluid_drag import NODES, WettedPieces
+from magmpm.kernels.equilibrium import STENCIL
+from magmpm.kernels.fluid_drag import WettedPieces
 from magmpm.kernels.total_lagrangian_step import Nodes
 from magmpm.model import Model, Wetted
 
@@ -34,7 +34,6 @@ def wetted_pieces(
     surface = at.surface
     of, carried = _carried(model, fluid, order, nodes)
     law = fluid.law(surface)[order]
-    assert law.shape[1] == LAW
     return WettedPieces(
         first=np.searchsorted(slab[order], np.arange(len(slabs))).astype(np.int64),
         node=(at.first[order] @ np.array([*strides, 1])).astype(np.int64),
@@ -52,8 +51,8 @@ def wetted_pieces(
 
 def _node_weights(at: Wetted) -> tuple[Array, Array, Array]:
     """Values (n, 27) of the splines of each piece's nodes, and their slopes (1/m) along its two tangents."""
-    value = np.empty((len(at.first), NODES))
-    slope = np.empty((len(at.first), NODES, 3))
+    value = np.empty((len(at.first), STENCIL))
+    slope = np.empty((len(at.first), STENCIL, 3))
     w = at.weights
     for k, (a, b, c) in enumerate(product(range(3), repeat=3)):
         value[:, k] = w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
@@ -67,15 +66,14 @@ def _node_weights(at: Wetted) -> tuple[Array, Array, Array]:
 
 
 def _carried(model: Model, fluid: Fluid, order: Index, nodes: Nodes) -> tuple[Index, Array]:
-    """Of each active node (m,) the number, in this order, of the nearest piece of the body's side, and its added mass over its own (m, 2):
-    along the piece's direction, and beside it."""
+    """The number of the piece of the body's side nearest to each active node (m,), in this order, and the node's added mass over its own
+    (m, 2): along the piece's direction, and beside it."""
     from scipy.spatial import cKDTree  # imported only where it is used
 
     surface = model.wetted.surface
-    side = np.flatnonzero(np.isin(surface.kind[order], (ROUND, FLAT, FACE)))
+    side = np.flatnonzero(surface.kind != END)
     place = nodes.place.reshape(-1, 3)[nodes.active]
-    nearest = cKDTree(surface.place[order][side]).query(place)[1]
-    of = side[nearest].astype(np.int64)
+    nearest = side[cKDTree(surface.place[side]).query(place)[1]]
     volume = spread(
         model.particles.volume,
         model.first_in_motion(slice(None)),
@@ -83,5 +81,5 @@ def _carried(model: Model, fluid: Fluid, order: Index, nodes: Nodes) -> tuple[In
         model.splines()[0],
     )[nodes.active]
     share = fluid.density * volume / model.mass_in_motion[nodes.active]
-    each = np.column_stack(fluid.carried(surface))[order][of]
-    return of, share[:, None] * each
+    each = np.column_stack(fluid.carried(surface))[nearest]
+    return np.argsort(order)[nearest], share[:, None] * each

@@ -33,16 +33,13 @@ from magmpm.effects.hooks import dtype_of, has_hook, hooks_of, is_wide, module_o
 # rate dF 1/s, changes dmagnet (count, columns) and drho (count,), and in groups what they remember, memory (count, kept); they add to
 # stress (count, 3, 3) Pa, force (count, 3) N/m^3, tangent (count, 9, 9) Pa, bend (count, 3, 3) N/m^4 and mixed (count, 3, 9) N/m^3.
 # Points of the surface (count,): x (count, 3), mass (count,); they add to force N and bend (count, 3, 3) N/m.
-# Pieces of the surface in a fluid (count,): x, v and normal (count, 3), law (count, LAW); they add to force (count, 3) N.
+# Pieces of the surface in a fluid (count,): x, v and normal (count, 3), law (count, columns); they add to force (count, 3) N.
 # Nodes (count,), by their numbers `nodes` in place, u, v and inverse_mass (3 nodes,).
 # value (count,): energies, depths, or seconds. force (count, PARTS) of points in motion: effects.contact_force.
 _OF_PARTICLES = ("magnet", "columns", "rho", "x", "F", "dF", "dmagnet", "drho", "memory", "kept")
 _OF_POINTS = ("v", "normal", "law", "mass", "nodes", "place", "u", "inverse_mass")
 _RESULTS = ("value", "stress", "force", "tangent", "bend", "mixed")
 GIVEN = np.dtype([(name, np.int64) for name in (*_OF_PARTICLES, *_OF_POINTS, *_RESULTS)])
-
-
-LAW = 7  # numbers of a piece of the surface in the law of a fluid's drag (effects.fluid)
 
 
 @compiled
@@ -226,7 +223,7 @@ def drag(record, data, length, first, count, dt, given):
     effect = carray(record, 1)[0]
     table = carray(data, length)
     at = carray(given, 1)[0]
-    law = carray(floats(at.law), (count, LAW))
+    law = carray(floats(at.law), (count, at.columns))
     x = carray(floats(at.x), (count, 3))
     normal = carray(floats(at.normal), (count, 3))
     v = carray(floats(at.v), (count, 3))

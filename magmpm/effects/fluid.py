@@ -94,7 +94,9 @@ class Fluid(Effect):
     def records(
         self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
     ) -> Records:
-        """Parameters for the kernels; the table: points of the path of a lumen with a flow, m."""
+        """Parameters for the kernels, or () without any load; the table: points of the path of a lumen with a flow, m."""
+        if strength == 0.0:
+            return ()
         gravity = scene.effects.gravity
         pull = np.zeros(3) if gravity is None else np.array(gravity.acceleration)
         path = self._path(scene)

@@ -13,15 +13,14 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.parallel import TOGETHER
-from magmpm.effects.calls import LAW, call_each, given_for
-
-NODES = 27  # that a piece moves with
+from magmpm.effects.calls import call_each, given_for
+from magmpm.kernels.equilibrium import STENCIL
 
 
 class WettedPieces(NamedTuple):
     """Pieces (n,) sorted by slab, flat: first (slabs + 1,): of each slab; node (n,): the first of its cell; place (3 n,) m.
 
-    weights, along, over (27 n,): the splines of its nodes, and their slopes (1/m) along its two tangents; tangents (6 n,); law (LAW n,):
+    weights, along, over (27 n,): the splines of its nodes, and their slopes (1/m) along its two tangents; tangents (6 n,); law (k n,):
     its numbers in the effect's law; normal (3 n,): in the present shape, the axis of a rod or a normal, by its length the piece's size over
     that at rest. Of each active node (m,): of (m,): the piece whose direction it takes; carried (2 m,): a and b of its added mass.
     """
@@ -50,9 +49,9 @@ def _gather(piece, pieces, along_x, along_y, state, x, v):
         v[i] = 0.0
         first[i] = pieces.tangents[6 * piece + i]
         second[i] = pieces.tangents[6 * piece + 3 + i]
-    for k in range(NODES):
+    for k in range(STENCIL):
         n = 3 * (node + k // 9 * along_x + k // 3 % 3 * along_y + k % 3)
-        at = NODES * piece + k
+        at = STENCIL * piece + k
         for i in range(3):
             x[i] += pieces.weights[at] * state.u[n + i]
             v[i] += pieces.weights[at] * state.v[n + i]
@@ -85,13 +84,14 @@ def immerse(slab, step, dt, pieces, cells, state, calls):
     at.v = address(v, 0)
     at.force = address(f, 0)
     at.normal = address(pieces.normal, 3 * begin)
-    at.law = address(pieces.law, LAW * begin)
+    at.columns = len(pieces.law) // len(pieces.node)
+    at.law = address(pieces.law, at.columns * begin)
     call_each(calls.drag, step, 0, count, dt, address(given, 0))
     for k in range(count):
         node = pieces.node[begin + k]
-        for j in range(NODES):
+        for j in range(STENCIL):
             n = 3 * (node + j // 9 * cells.along_x + j // 3 % 3 * cells.along_y + j % 3)
-            share = pieces.weights[NODES * (begin + k) + j]
+            share = pieces.weights[STENCIL * (begin + k) + j]
             for i in range(3):
                 state.force[n + i] += share * f[k, i]
 

@@ -30,6 +30,7 @@ from magmpm.effects.contact_force import (
     touches,
 )
 from magmpm.kernels.equilibrium import STENCIL, particle_splines, scatter_matrix
+from magmpm.kernels.fluid_drag import WettedPieces
 from magmpm.kernels.impulses import (
     SPLINES,
     Places,
@@ -53,7 +54,7 @@ class SortedSurfacePoints(NamedTuple):
 
     first_patch (slabs + 1,), first_point (patches + 1,): of each slab and patch; first_node (patches,); weights (9 points,): splines along
     x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer; friction (points,) of their own material, or nan.
-    splines (SPLINES patches,): room for those by which a patch's friction acts on its nodes in this step.
+    wetted: what of it a fluid meets. splines (SPLINES patches,): room for those by which a patch's friction acts on its nodes in this step.
     """
 
     first_patch: Index
@@ -64,6 +65,7 @@ class SortedSurfacePoints(NamedTuple):
     mass: Array
     friction: Array
     splines: Array
+    wetted: WettedPieces
 
 
 @compiled

@@ -449,7 +449,7 @@ def _together(begun, last, groups, cells):
 @inner
 def _forces_of_slab(slab, given):
     """Add to state.force the forces of a slab; most: groups in a cell."""
-    step, dt, push, most, cells, particles, surface, wetted, meeting, state, calls, slabs = given
+    step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs = given
     acts = len(calls.wide) + len(calls.narrow) > 0
     groups = max(
         most, WIDTH
@@ -472,7 +472,7 @@ def _forces_of_slab(slab, given):
             )
         begun = end
     touch(slab, step, surface, cells, state, calls, slabs)
-    immerse(slab, step, dt, wetted, cells, state, calls)
+    immerse(slab, step, dt, surface.wetted, cells, state, calls)
     count = len(cells.slab_first) - 1
     touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
     see(slabs, slab, least, bad, high, change)
@@ -496,7 +496,6 @@ def advance(
     nodes,
     correction,
     surface,
-    wetted,
     meeting,
     state,
     calls,
@@ -504,7 +503,7 @@ def advance(
     slabs,
 ):
     """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; surface: kernels.surface_contact;
-    wetted: kernels.fluid_drag; meeting: kernels.body_contact, or (); calls: effects.calls.MotionCalls; watch, slabs: see kernels.watch.
+    meeting: kernels.body_contact, or (); calls: effects.calls.MotionCalls; watch, slabs: see kernels.watch.
 
     Returns the number of steps taken; if fewer than `steps`, the watch says why, or pairs of a meeting must be listed again.
     """
@@ -516,7 +515,7 @@ def advance(
         if needs_list(meeting):
             return step
         push = push_time(calls, step, dt)
-        body = (cells, particles, surface, wetted, meeting, state, calls, slabs)
+        body = (cells, particles, surface, meeting, state, calls, slabs)
         over_slabs(count, task(_forces_of_slab, (step, dt, push, most, *body)))
         if stops(watch, slabs):
             clear(state.force)
@@ -524,7 +523,7 @@ def advance(
         count_swings(slabs.flutter, slabs.push.sum(), slabs.slides.sum(), dt)
         pairs = add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
         if len(calls.drag) > 0:
-            over_parts(parts, task(carry, (wetted, nodes, state)))
+            over_parts(parts, task(carry, (surface.wetted, nodes, state)))
         correct(correction, state.force)
         moving = (nodes, correction, meeting, state, calls, pace)
         if slabs.rubs.max() + pairs > 0.0:

@@ -21,6 +21,7 @@ from magmpm.compiled.by_address import addresses
 from magmpm.effects import acting
 from magmpm.errors import InputError, LeftField, SolveError, TimeOver
 from magmpm.materials import poisson_ratio
+from magmpm.model import Model
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.scene.load_progress import load_step
 from magmpm.statics import axis
@@ -163,8 +164,7 @@ def solve_static(
             found = _solve(model, _Start(correction, rod, following), on_step)
             fluid = given.scene.effects.fluid
             if fluid is not None and fluid.flows:
-                ordered = partial(restored, model, of=of)
-                found = in_stream(given, of, found, ordered, on_step)
+                found = _in_stream(given, model, of, found, on_step)
             assert found.energy is not None
             found.energy.alone.settled()
             known = None if following is None else following.body
@@ -179,6 +179,21 @@ def solve_static(
             raise type(error)(
                 error.reason, replace(state, point=restored(model, state.point, of), model=given)
             ) from None
+
+
+def _in_stream(
+    given: Model, model: StaticModel, of: Index, found: Equilibrium, on_step: OnStep | None
+) -> Equilibrium:
+    """The equilibrium in the stream of a model's fluid, from that without drag."""
+    energy = found.energy
+    assert energy is not None
+    ordered = partial(restored, model, of=of)
+    try:
+        last = in_stream(given, of, energy, found.point, ordered, on_step)
+    except SolveError as error:
+        at = error.state if isinstance(error.state, Point) else found.point
+        raise type(error)(error.reason, replace(found, point=at)) from None
+    return replace(found, point=last.point, steps=found.steps + last.steps)
 
 
 def one_blas_thread() -> AbstractContextManager[object]:

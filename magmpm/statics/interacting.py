@@ -53,7 +53,7 @@ class InteractingEnergy:
         self._definite = Definite()
 
     def held_load(self, load: Array | None) -> None:
-        """As of Energy."""
+        """Put the body under a load, as of Energy."""
         self.alone.held_load(load)
         self.whole.held_load(load)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,28 +20,23 @@ from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.newton import Minimum, OnStep, minimize
 
-if TYPE_CHECKING:
-    from magmpm.statics.equilibrium import Equilibrium
-
 
 def in_stream(
     model: Model,
     of: Index,
-    found: Equilibrium,
+    energy: Energy | InteractingEnergy,
+    point: Point,
     restore: Callable[[Point], Point],
     on_step: OnStep | None,
-) -> Equilibrium:
-    """The equilibrium near `found`, which is without drag, in the stream of the model's fluid.
+) -> Minimum:
+    """The equilibrium near a point, which is one without drag, in the stream of a model's fluid, with the steps that it took.
 
-    of: the number in the model of each of the solver's particles; restore: the solver's point in the model's order.
-    Raises SolveError where drag and shape don't settle.
+    of: the number in the model of each of the solver's particles; restore: the solver's point in the model's order. The energy keeps the
+    load of the drag. Raises SolveError, with the last point as its state, where drag and shape don't settle.
     """
-    energy = found.energy
-    assert energy is not None
     options = model.scene.solver.static
     near = 1e-7 * model.scene.length  # m: a hundredth of the rounding of a shape in files
-    steps = found.steps
-    point = found.point
+    steps = 0
     load = np.zeros(energy.alone.shape)
     left = _drag(model, of, energy.alone, restore(point))
     share = 1.0
@@ -58,13 +52,13 @@ def in_stream(
         change = left - before
         size = float(np.sum(change * change))
         if moved <= near:
-            return replace(found, point=point, steps=steps)
+            return replace(last, point=point, steps=steps)
         share *= -float(np.sum(before * change)) / size if size > 0.0 else 1.0
     raise SolveError(
         f"the stream's drag and the shape that it bends do not settle (the last change was {1e3 * moved:.2g}"
         " mm): a body may flutter in this stream; simulate its motion, `solver: {dynamic: {duration: 0.5"
         " s}}`, or make the stream slower",
-        replace(found, point=point, steps=steps),
+        point,
     )
 
 

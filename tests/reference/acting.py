@@ -65,6 +65,14 @@ SCENES = {
     ),
     # so viscous that its time step is the shorter one
     "viscosity": "effects: {viscosity: {viscosity: 50 Pa s}}",
+    # a stream that bends it as much as its weight, less what it displaces
+    "fluid": (
+        """
+effects:
+  gravity: {}
+  fluid: {density: 1000 kg/m^3, viscosity: 5 mPa s, velocity: [10 cm/s, -20 cm/s, 5 cm/s]}
+"""
+    ),
     "feed": (
         """
 body: {catheter: {length: 8 mm, diameter: 4 mm, material: m, segments: [{}]}}

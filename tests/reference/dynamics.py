@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
+from magmpm.bodies.wetted_surface import END
 from magmpm.effects import hooks
 from magmpm.effects.contact_force import GRIP, PARTS
 from magmpm.model import Model
@@ -169,7 +171,47 @@ class Total:
         P, force = particle_forces(
             self.model, x, np.eye(3) + self.gradient(c), self.gradient(v), step
         )
-        return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN) + self.contact(c, step)
+        every = self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN) + self.contact(c, step)
+        return self.immersed(c, v, every, step)
+
+    def immersed(self, c: np.ndarray, v: np.ndarray, force: np.ndarray, step: int) -> np.ndarray:
+        """Force (nodes, 3) N with the drag of a fluid on the pieces of the surface, and less by what accelerates the fluid along with nodes:
+        (1 + a n n^T + b (1 - n n^T))^-1 of it, with the n of the nearest piece."""
+        fluid = self.model.scene.effects.fluid
+        if fluid is None:
+            return force
+        at = self.model.wetted
+        surface = at.surface
+        normal = np.empty((len(surface.size), 3))
+        law = fluid.law(surface)
+        for k, tangents in enumerate(surface.tangents):
+            N = np.zeros(len(c))
+            dN = np.zeros((len(c), 3))
+            w, s = at.weights[k], at.slopes[k]
+            for a, b, d in product(range(3), repeat=3):
+                node = np.ravel_multi_index(
+                    at.first[k] + np.array([a, b, d]), self.model.grid.nodes
+                )
+                N[node] += w[0, a] * w[1, b] * w[2, d]
+                dN[node] += [
+                    s[0, a] * w[1, b] * w[2, d],
+                    w[0, a] * s[1, b] * w[2, d],
+                    w[0, a] * w[1, b] * s[2, d],
+                ]
+            first, second = tangents @ (np.eye(3) + c.T @ dN).T
+            normal[k] = np.cross(first, second) if tangents[1].any() else first
+            f = np.zeros(3)
+            x = surface.place[k] + N @ c
+            call(self.model, "drag", law[k], x, normal[k], N @ v, f, step=step)
+            force = force + np.outer(N, f)
+        side = np.flatnonzero(surface.kind != END)
+        nearest = side[cKDTree(surface.place[side]).query(self.X)[1]]
+        n = normal[nearest] / np.linalg.norm(normal[nearest], axis=1)[:, None]
+        volume = self.N.T @ self.model.particles.volume
+        share = fluid.density * volume / np.where(self.mass > 0, self.mass, 1.0)
+        along, beside = (share * each[nearest] for each in fluid.carried(surface))
+        out = np.einsum("ai,ai->a", n, force)[:, None] * n
+        return out / (1.0 + along)[:, None] + (force - out) / (1.0 + beside)[:, None]
 
     def contact(self, c: np.ndarray, step: int = 0) -> np.ndarray:
         """Contact of the surface's points on every node, (nodes, 3) N, with the friction of the step before as far as it is allowed."""
