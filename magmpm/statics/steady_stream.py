@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -37,8 +38,9 @@ def in_stream(
     options = model.scene.solver.static
     near = 1e-7 * model.scene.length  # m: a hundredth of the rounding of a shape in files
     steps = 0
+    at = _at_pieces(model)
     load = np.zeros(energy.alone.shape)
-    left = _drag(model, of, energy.alone, restore(point))
+    left = _drag(model, of, at, energy.alone, restore(point))
     share = 1.0
     for _ in range(50):
         load = load + share * left
@@ -48,7 +50,7 @@ def in_stream(
         moved = float(np.abs(last.point.position - point.position).max())
         point = last.point
         before = left
-        left = _drag(model, of, energy.alone, restore(point)) - load
+        left = _drag(model, of, at, energy.alone, restore(point)) - load
         change = left - before
         size = float(np.sum(change * change))
         if moved <= near:
@@ -77,22 +79,36 @@ def _minimum(
     return minimize(energy, begin, tolerance=tolerance, max_steps=most, on_step=on_step)
 
 
-def _drag(model: Model, of: Index, energy: Energy, point: Point) -> Array:
-    """Drag on a shape as a load (planes, m) N on the solver's unknowns; point: in the model's order."""
+def _at_pieces(model: Model) -> Any:
+    """Sparse matrix (k, n) that gives what a linear field is at the wetted pieces from what it is at the particles of their cells."""
+    from scipy.sparse import csr_matrix  # imported only where it is used
+
     wetted = model.wetted
+    begins = model.particles.cell_first
+    cell = np.searchsorted(begins, wetted.particle, side="right") - 1
+    shares = []
+    columns = []
+    for piece, at in enumerate(cell):
+        near = np.arange(begins[at], begins[at + 1])
+        ways = model.particles.position[near] - wetted.surface.place[piece]
+        linear = np.column_stack([np.full(len(near), model.scene.cell), ways])
+        # of the least squares through these: the value at the piece
+        shares.append(np.linalg.pinv(linear, rcond=1e-6)[0] * model.scene.cell)
+        columns.append(near)
+    count = [len(near) for near in columns]
+    ends = np.concatenate([[0], np.cumsum(count)])
+    shape = (len(cell), len(model.density))
+    return csr_matrix((np.concatenate(shares), np.concatenate(columns), ends), shape)
+
+
+def _drag(model: Model, of: Index, at: Any, energy: Energy, point: Point) -> Array:
+    """Drag on a shape as a load (planes, m) N on the solver's unknowns; at: of `_at_pieces`; point: in the model's order."""
+    surface = model.wetted.surface
     fluid = model.scene.effects.fluid
-    axes = model.grid.axes_at(model.particles.position)
-    F = point.F @ np.swapaxes(axes, -1, -2)
-    on = wetted.particle
-    arm = wetted.surface.place - model.particles.position[on]
-    place = point.position[on] + np.einsum("nij,nj->ni", F[on], arm)
-    tangents = np.einsum("nij,nkj->nki", F[on], wetted.surface.tangents)
-    force = forces(fluid, model.scene, wetted.surface, place, tangents)
-    per_volume = force / model.particles.volume[on][:, None]
-    density = np.zeros((len(model.density), 3))
-    stress = np.zeros((len(density), 3, 3))
-    np.add.at(density, on, per_volume)
-    # a piece moves with its particle, and with the particle's F times its way from it
-    np.add.at(stress, on, -per_volume[:, :, None] * arm[:, None, :])
-    along = (stress @ axes)[of][:, :, list(energy.model.order)]
-    return -energy.each_scattered(along[None], density[of][None])[:, 0]
+    F = point.F @ np.swapaxes(model.grid.axes_at(model.particles.position), -1, -2)
+    stretched = (at @ F.reshape(-1, 9)).reshape(-1, 3, 3)
+    tangents = np.einsum("nij,nkj->nki", stretched, surface.tangents)
+    force = at.T @ forces(fluid, model.scene, surface, at @ point.position, tangents)
+    density = force / model.particles.volume[:, None]
+    stress = np.zeros((1, len(density), 3, 3))
+    return -energy.each_scattered(stress, density[of][None])[:, 0]

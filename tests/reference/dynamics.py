@@ -175,7 +175,7 @@ class Total:
         return self.immersed(c, v, every, step)
 
     def immersed(self, c: np.ndarray, v: np.ndarray, force: np.ndarray, step: int) -> np.ndarray:
-        """Force (nodes, 3) N with the drag of a fluid on the pieces of the surface, and less by what accelerates the fluid along with nodes:
+        """Force (nodes, 3) N with the drag of a fluid on pieces of the surface, and less by what accelerates the fluid along with nodes:
         (1 + a n n^T + b (1 - n n^T))^-1 of it, with the n of the nearest piece."""
         fluid = self.model.scene.effects.fluid
         if fluid is None:
