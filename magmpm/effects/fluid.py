@@ -83,7 +83,7 @@ class Fluid(Effect):
 
     @model_validator(mode="after")
     def _one_stream(self) -> Fluid:
-        if self.mean_speed is not None and "velocity" in self.model_fields_set:
+        if self.mean_speed is not None and any(self.velocity):
             raise fault(
                 "give `velocity` or `mean_speed`, not both",
                 "leave one of them out",

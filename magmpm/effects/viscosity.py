@@ -97,14 +97,16 @@ class Viscosity(Effect):
             "write, say, `loss_factor: 0.1`, `viscosity: 5 Pa s` or `branches: [{shear_modulus: 500"
             " kPa, time: 10 ms}]`"
         )
-        others = "viscosity" in self.model_fields_set or self.branches is not None
-        if self.loss_factor is None and not others:
+        named = "viscosity" in self.model_fields_set or self.branches is not None
+        if self.loss_factor is None and not named:
             raise fault(
                 "give `loss_factor`, or `viscosity` or `branches` or both: without them nothing is"
                 " lost",
                 remedy,
                 ("viscosity",),
             )
+        # plain data of a scene has all its keys: without a loss, a viscosity of zero
+        others = self.viscosity > 0.0 or self.branches is not None
         if self.loss_factor is not None and others:
             raise fault("give `loss_factor` or the others, not both", remedy, ("loss_factor",))
         return self
