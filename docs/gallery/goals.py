@@ -21,7 +21,11 @@ from magmpm.errors import in_words, significant
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs/images/gallery"
-STUDIES = {"designed_walker": "walking_strip", "designed_gripper": "gripper_field"}
+STUDIES = {
+    "designed_walker": "walking_strip",
+    "designed_gripper": "gripper_field",
+    "designed_swimmer": "swimming_sheet",
+}
 BEGIN = "<!-- measured -->"
 END = "<!-- /measured -->"
 MOVIE_BYTES = 1024 * 1024

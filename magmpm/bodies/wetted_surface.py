@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,11 @@ def wetted_rod(faces: Array, *, outer: float, inner: float, base: bool) -> Wette
     side = np.column_stack([np.repeat(middle, around), np.tile(outer * circle, (len(middle), 1))])
     length = float(faces[-1] - faces[0])
     axis = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    scale = {"width": 2.0 * outer, "length": length, "solid": 1.0 - (inner / outer) ** 2}
+    scale: dict[str, Any] = {
+        "width": 2.0 * outer,
+        "length": length,
+        "solid": 1.0 - (inner / outer) ** 2,
+    }
     found = pieces(ROUND, side, axis, np.repeat(np.diff(faces) / around, around), **scale)
     # of a disk, points at the radius of gyration have its moments
     ring = math.sqrt((outer**2 + inner**2) / 2) * circle
@@ -112,7 +117,7 @@ def wetted_strip(
     along, over = np.meshgrid(x, y, indexing="ij")
     place = np.column_stack([along.ravel(), over.ravel(), np.full(along.size, z)])
     sides = float(faces[-1] - faces[0]), float(across[-1] - across[0])
-    scale = {"width": min(sides), "length": max(sides), "thickness": thickness}
+    scale: dict[str, Any] = {"width": min(sides), "length": max(sides), "thickness": thickness}
     flat = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     found = pieces(FLAT, place, flat, np.outer(np.diff(faces), np.diff(span)).ravel(), **scale)
     for end, normal in ((faces[0], -1.0), (faces[-1], 1.0)):

@@ -130,16 +130,18 @@ def _surface(
     if found is None:
         nothing = np.zeros(0)
         none = np.zeros(0, np.int64)
-        return (
-            SortedSurfacePoints(
-                np.zeros(len(slabs), np.int64),
-                np.zeros(1, np.int64),
-                none,
-                *[nothing] * 5,
-                wetted,
-            ),
-            none,
+        packed = SortedSurfacePoints(
+            first_patch=np.zeros(len(slabs), np.int64),
+            first_point=np.zeros(1, np.int64),
+            first_node=none,
+            weights=nothing,
+            place=nothing,
+            mass=nothing,
+            friction=nothing,
+            splines=nothing,
+            wetted=wetted,
         )
+        return packed, none
     slab = np.searchsorted(slabs, found.first[:, axis] - least, side="right") - 1
     order = np.lexsort((*found.first.T[::-1], slab))
     starts = np.flatnonzero(np.any(np.diff(found.first[order], axis=0, prepend=-1) != 0, axis=1))

@@ -26,7 +26,19 @@ def wetted_pieces(
         nothing = np.zeros(0)
         none = np.zeros(0, np.int64)
         first = np.zeros(len(slabs), np.int64)
-        return WettedPieces(first, none, *[nothing] * 7, none, nothing)
+        return WettedPieces(
+            first=first,
+            node=none,
+            place=nothing,
+            weights=nothing,
+            along=nothing,
+            over=nothing,
+            tangents=nothing,
+            law=nothing,
+            normal=nothing,
+            of=none,
+            carried=nothing,
+        )
     at = model.wetted
     slab = np.searchsorted(slabs, at.first[:, axis] - least, side="right") - 1
     order = np.lexsort((*at.first.T[::-1], slab))

@@ -270,10 +270,9 @@ def _drag_at_rest(records, path, law, x, n, f):
         drag(records[0], path, law[k], x[k], n[k], v, f[k])
 
 
-def forces(
-    fluid: Fluid, scene: SceneLike, surface: WettedSurface, place: Array, tangents: Array
-) -> Array:
+def forces(scene: SceneLike, surface: WettedSurface, place: Array, tangents: Array) -> Array:
     """Drag (k, 3) N on pieces that rest at places (k, 3) m in the stream; tangents (k, 2, 3): theirs, as the body has deformed them."""
+    fluid = scene.effects.fluid
     records, path = fluid.records(scene)
     n = np.cross(tangents[:, 0], tangents[:, 1])
     n[surface.kind == ROUND] = tangents[surface.kind == ROUND, 0]

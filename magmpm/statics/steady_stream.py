@@ -104,11 +104,10 @@ def _at_pieces(model: Model) -> Any:
 def _drag(model: Model, of: Index, at: Any, energy: Energy, point: Point) -> Array:
     """Drag on a shape as a load (planes, m) N on the solver's unknowns; at: of `_at_pieces`; point: in the model's order."""
     surface = model.wetted.surface
-    fluid = model.scene.effects.fluid
     F = point.F @ np.swapaxes(model.grid.axes_at(model.particles.position), -1, -2)
     stretched = (at @ F.reshape(-1, 9)).reshape(-1, 3, 3)
     tangents = np.einsum("nij,nkj->nki", stretched, surface.tangents)
-    force = at.T @ forces(fluid, model.scene, surface, at @ point.position, tangents)
+    force = at.T @ forces(model.scene, surface, at @ point.position, tangents)
     density = force / model.particles.volume[:, None]
     stress = np.zeros((1, len(density), 3, 3))
     return -energy.each_scattered(stress, density[of][None])[:, 0]

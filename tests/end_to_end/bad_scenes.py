@@ -421,13 +421,19 @@ IN_OTHER_WORDS = [
     *(
         edit(f"effect {key}", "  gravity: {}", f"  {key}: {{}}", f"effects.{key}", "{}", f'unknown key "{key}"', instead)
         for key, instead in {
-            "drag": "`damping: {rate: 60 1/s}`", "fluid": "no fluid is simulated", "flow": "no flow is simulated", "obstacle": "`ground: {point",
+            "drag": "`fluid: {density: 1000 kg/m^3, viscosity: 1 mPa s}`", "flow": "velocity: [10 cm/s", "obstacle": "`ground: {point",
             "contact": "`walls: {tube", "friction": "`ground: {..., friction: 0.3}`", "torque": "`magnetic_torque: {}`",
             "weight": "`gravity: {}`", "force": "there is no other force", "dipoles": "`magnetic_interaction: {}`",
             "viscoelasticity": "`viscosity: {loss_factor: 0.1}`", "insertion": "`feed: {speed", "inertia": "solver: {dynamic",
             "sparkles": "docs/effects.md",
         }.items()
     ),
+    edit("fluid without its numbers", "  gravity: {}", "  fluid: {density: 1000 kg/m^3}", "effects.fluid.viscosity", "nothing"),
+    edit("two streams", "  gravity: {}", "  fluid: {density: 1 g/cm^3, viscosity: 1 mPa s, velocity: [1 m/s, 0 m/s, 0 m/s], mean_speed: 1 m/s}",
+         "effects.fluid.mean_speed", '"1 m/s"', "give `velocity` or `mean_speed`, not both"),
+    edit("flow without a tube", "  gravity: {}", "  fluid: {density: 1 g/cm^3, viscosity: 1 mPa s, mean_speed: 1 m/s}", "effects.fluid.mean_speed",
+         '"1 m/s"', "needs the tube that it flows through"),
+    edit("stream of negative density", "  gravity: {}", "  fluid: {density: -1 g/cm^3, viscosity: 1 mPa s}", "effects.fluid.density", '"-1 g/cm^3"'),
     edit("a key of studies", "solver:", "vary: {magnetization: {}}\nsolver:", "vary", '{"magnetization": {}}', "magmpm design STUDY"),
 ]
 

@@ -349,7 +349,7 @@ def test_tests_patch_little() -> None:
 def test_readme_and_pages_are_read_in_one_sitting() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MOST_IN_README
     assert (
-        sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 1_975
+        sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 2_000
     )  # pages: as above
 
 
