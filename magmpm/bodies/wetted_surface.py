@@ -133,34 +133,28 @@ def _across(normal: float) -> Array:
     return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, normal]])
 
 
-def wetted_parts(
-    parts: list[Array], component: NDArray[np.integer], longest: float
-) -> WettedSurface:
-    """The outside of parts, each (f, 3, 3) m: triangles with no edge above `longest` (m), without those that lie on another part.
+def wetted_parts(parts: list[Array], component: NDArray[np.integer], cell: float) -> WettedSurface:
+    """The outside of parts, each (f, 3, 3) m: a piece for all that faces one way in a cell of this width (m), without what lies on another.
 
     component (parts,): the connected body that each is of.
     """
-    gap = 0.02 * longest  # m: parts that are joined lie on each other, or nearly
+    gap = 0.02 * cell  # m: parts that are joined lie on each other, or nearly
     found: list[WettedSurface] = []
     for k, mesh in enumerate(parts):
-        triangles = cut(mesh, longest)
-        middle = triangles.mean(axis=1)
-        open_ = np.ones(len(middle), bool)
+        triangles = cut(mesh, cell)
+        middle = np.ascontiguousarray(triangles.mean(axis=1))
+        area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+        outside = np.linalg.norm(area, axis=1) > 0.0
         for other, corners in enumerate(parts):
             if other != k and component[other] == component[k]:
-                open_ &= to_triangles(np.ascontiguousarray(middle), corners) > gap
-        first = triangles[:, 1] - triangles[:, 0]
-        normal = np.cross(first, triangles[:, 2] - triangles[:, 0])
-        double = np.linalg.norm(normal, axis=1)
-        kept = open_ & (double > 0.0)
-        first = first[kept] / np.linalg.norm(first[kept], axis=1)[:, None]
-        second = np.cross(normal[kept] / double[kept, None], first)
+                outside &= to_triangles(middle, corners) > gap
+        place, area = _together(middle[outside], area[outside], cell)
+        size = np.linalg.norm(area, axis=1)
+        first = _beside(area)
+        second = np.cross(area / size[:, None], first)
         tangents = np.stack([first, second], axis=1)
-        region = np.full(int(kept.sum()), k)
-        area = double[kept] / 2
-        found.append(
-            pieces(FACE, middle[kept], tangents, area, width=1.0, length=1.0, region=region)
-        )
+        region = np.full(len(size), k)
+        found.append(pieces(FACE, place, tangents, size, width=1.0, length=1.0, region=region))
     every = found[0]
     for one in found[1:]:
         every = every.joined(one)
@@ -168,3 +162,22 @@ def wetted_parts(
     areas = np.bincount(of, every.size)
     ball = np.sqrt(areas / math.pi)[of]
     return WettedSurface(**{**vars(every), "width": ball, "length": ball})
+
+
+def _together(place: Array, area: Array, cell: float) -> tuple[Array, Array]:
+    """Places (k, 3) m and areas as vectors (k, 3) m^2 of what lies in one cell and faces one way, to a tenth of a radian or so."""
+    size = np.linalg.norm(area, axis=1)
+    key = np.column_stack([np.floor(place / cell), np.round(8.0 * area / size[:, None])])
+    _, of = np.unique(key, axis=0, return_inverse=True)
+    of = of.ravel()
+    sizes = np.bincount(of, size)
+    middle = [np.bincount(of, size * place[:, i]) / sizes for i in range(3)]
+    whole = [np.bincount(of, area[:, i]) for i in range(3)]
+    return np.column_stack(middle), np.column_stack(whole)
+
+
+def _beside(vectors: Array) -> Array:
+    """A unit vector (n, 3) at right angles to each of some vectors (n, 3)."""
+    least = np.eye(3)[np.abs(vectors).argmin(axis=1)]
+    across = np.cross(vectors, least)
+    return np.asarray(across / np.linalg.norm(across, axis=1)[:, None])

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 
 from magmpm.bodies.grid import spread
-from magmpm.bodies.wetted_surface import END
+from magmpm.bodies.wetted_surface import END, ROUND
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects.fluid import Fluid
 from magmpm.kernels.equilibrium import STENCIL
@@ -30,6 +30,7 @@ def wetted_pieces(
             first=first,
             node=none,
             place=nothing,
+            axial=none,
             weights=nothing,
             along=nothing,
             over=nothing,
@@ -50,9 +51,10 @@ def wetted_pieces(
         first=np.searchsorted(slab[order], np.arange(len(slabs))).astype(np.int64),
         node=(at.first[order] @ np.array([*strides, 1])).astype(np.int64),
         place=surface.place[order].ravel(),
-        weights=value.ravel(),
-        along=along.ravel(),
-        over=over.ravel(),
+        axial=(surface.kind[order] == ROUND).astype(np.int64),
+        weights=np.repeat(value, 3, axis=1).ravel(),
+        along=np.repeat(along, 3, axis=1).ravel(),
+        over=np.repeat(over, 3, axis=1).ravel(),
         tangents=surface.tangents[order].ravel(),
         law=np.ascontiguousarray(law).ravel(),
         normal=np.cross(*surface.tangents[order].transpose(1, 0, 2)).ravel(),

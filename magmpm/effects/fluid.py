@@ -202,10 +202,9 @@ def force(effect, data, magnet, rho, x, F, f):
 
 
 @compiled
-def stream(effect, path, x, v):
-    """Write the velocity (m/s) of the undisturbed stream at x to v; path (3 k,) m: the axis of a lumen, or nothing."""
-    for i in range(3):
-        v[i] = effect.fluid_velocity[i]
+def stream(effect, path, x):
+    """Velocity (m/s) of the undisturbed stream at x, a triple; path (3 k,) m: the axis of a lumen, or nothing."""
+    v = (effect.fluid_velocity[0], effect.fluid_velocity[1], effect.fluid_velocity[2])
     nearest = effect.fluid_radius**2
     for k in range(len(path) // 3 - 1):
         size = 0.0
@@ -222,14 +221,20 @@ def stream(effect, path, x, v):
         if away < nearest:
             nearest = away
             fast = 2.0 * effect.fluid_speed * (1.0 - away / effect.fluid_radius**2)
-            for i in range(3):
-                v[i] = fast * (path[3 * k + 3 + i] - path[3 * k + i]) / math.sqrt(size)
+            fast /= math.sqrt(size)
+            v = (
+                fast * (path[3 * k + 3] - path[3 * k]),
+                fast * (path[3 * k + 4] - path[3 * k + 1]),
+                fast * (path[3 * k + 5] - path[3 * k + 2]),
+            )
+    return v
 
 
 @compiled
 def _joined(slow, fast):
     """The two laws joined: (slow^(3/2) + fast^(3/2))^(2/3)."""
-    return (slow * math.sqrt(slow) + fast * math.sqrt(fast)) ** (2.0 / 3.0)
+    root = np.cbrt(slow * math.sqrt(slow) + fast * math.sqrt(fast))
+    return root * root
 
 
 @compiled
@@ -241,24 +246,23 @@ def drag(effect, data, law, x, n, v, f):
     skin's (N (s/m)^(3/2))^2 by u_n and by u_t; 1 of a rod, else 0.
     """
     size = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-    u = np.empty(3)
-    stream(effect, data, x, u)
-    out = 0.0
-    for i in range(3):
-        u[i] = v[i] - u[i]
-        out += u[i] * n[i] / size
-    square = 0.0  # of the part beside n
-    for i in range(3):
-        square += (u[i] - out * n[i] / size) ** 2
+    s0, s1, s2 = stream(effect, data, x)
+    u0 = v[0] - s0
+    u1 = v[1] - s1
+    u2 = v[2] - s2
+    out = (u0 * n[0] + u1 * n[1] + u2 * n[2]) / size
+    n0 = n[0] * out / size  # the part of u along n
+    n1 = n[1] * out / size
+    n2 = n[2] * out / size
     along = math.fabs(out)
-    beside = math.sqrt(square)
+    beside = math.sqrt((u0 - n0) ** 2 + (u1 - n1) ** 2 + (u2 - n2) ** 2)
     u_n, u_t = (beside, along) if law[6] > 0.0 else (along, beside)
     normal = size * _joined(law[2], law[0] * u_n + law[1] * math.sqrt(u_n))
     skin = size * _joined(law[3], math.sqrt(law[4] * u_n + law[5] * u_t))
     of_n, of_rest = (skin, normal) if law[6] > 0.0 else (normal, skin)
-    for i in range(3):
-        part = out * n[i] / size
-        f[i] -= of_n * part + of_rest * (u[i] - part)
+    f[0] -= of_n * n0 + of_rest * (u0 - n0)
+    f[1] -= of_n * n1 + of_rest * (u1 - n1)
+    f[2] -= of_n * n2 + of_rest * (u2 - n2)
 
 
 @compiled_elsewhere

@@ -14,13 +14,14 @@ from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.parallel import TOGETHER
 from magmpm.effects.calls import call_each, given_for
-from magmpm.kernels.equilibrium import STENCIL
+from magmpm.kernels.impulses import SPLINES, add_force, sum_at
 
 
 class WettedPieces(NamedTuple):
-    """Pieces (n,) sorted by slab, flat: first (slabs + 1,): of each slab; node (n,): the first of its cell; place (3 n,) m.
+    """Pieces (n,) sorted by slab, flat: first (slabs + 1,): of each slab; node (n,): the first of its cell; place (3 n,) m; axial (n,): 1
+    of a rod's, whose direction is its axis.
 
-    weights, along, over (27 n,): the splines of its nodes, and their slopes (1/m) along its two tangents; tangents (6 n,); law (k n,):
+    weights, along, over (SPLINES n,): the splines of its nodes, and their slopes (1/m) along its two tangents; tangents (6 n,); law (k n,):
     its numbers in the effect's law; normal (3 n,): in the present shape, the axis of a rod or a normal, by its length the piece's size over
     that at rest. Of each active node (m,): of (m,): the piece whose direction it takes; carried (2 m,): a and b of its added mass.
     """
@@ -28,6 +29,7 @@ class WettedPieces(NamedTuple):
     first: Index
     node: Index
     place: Array
+    axial: Index
     weights: Array
     along: Array
     over: Array
@@ -41,29 +43,32 @@ class WettedPieces(NamedTuple):
 @compiled
 def _gather(piece, pieces, along_x, along_y, state, x, v):
     """Write to x and v (3,) the place (m) and velocity (m/s) of a piece, and its direction to pieces.normal."""
-    node = pieces.node[piece]
-    first = np.zeros(3)
-    second = np.zeros(3)
+    to = (SPLINES * piece, pieces.node[piece], along_x, along_y)
+    tangent = pieces.tangents
+    n = 6 * piece
+    moved = sum_at(pieces.weights, *to, state.u)
+    speed = sum_at(pieces.weights, *to, state.v)
+    a, b, c = sum_at(pieces.along, *to, state.u)
+    a += tangent[n]
+    b += tangent[n + 1]
+    c += tangent[n + 2]
     for i in range(3):
-        x[i] = pieces.place[3 * piece + i]
-        v[i] = 0.0
-        first[i] = pieces.tangents[6 * piece + i]
-        second[i] = pieces.tangents[6 * piece + 3 + i]
-    for k in range(STENCIL):
-        n = 3 * (node + k // 9 * along_x + k // 3 % 3 * along_y + k % 3)
-        at = STENCIL * piece + k
-        for i in range(3):
-            x[i] += pieces.weights[at] * state.u[n + i]
-            v[i] += pieces.weights[at] * state.v[n + i]
-            first[i] += pieces.along[at] * state.u[n + i]
-            second[i] += pieces.over[at] * state.u[n + i]
-    normal = pieces.normal[3 * piece : 3 * piece + 3]
-    if second[0] == 0.0 and second[1] == 0.0 and second[2] == 0.0:  # of a rod: its axis
-        normal[:] = first
+        x[i] = pieces.place[3 * piece + i] + moved[i]
+        v[i] = speed[i]
+    normal = pieces.normal
+    n = 3 * piece
+    if pieces.axial[piece] > 0:
+        normal[n] = a
+        normal[n + 1] = b
+        normal[n + 2] = c
         return
-    normal[0] = first[1] * second[2] - first[2] * second[1]
-    normal[1] = first[2] * second[0] - first[0] * second[2]
-    normal[2] = first[0] * second[1] - first[1] * second[0]
+    p, q, r = sum_at(pieces.over, *to, state.u)
+    p += tangent[2 * n + 3]
+    q += tangent[2 * n + 4]
+    r += tangent[2 * n + 5]
+    normal[n] = b * r - c * q
+    normal[n + 1] = c * p - a * r
+    normal[n + 2] = a * q - b * p
 
 
 @compiled
@@ -88,12 +93,9 @@ def immerse(slab, step, dt, pieces, cells, state, calls):
     at.law = address(pieces.law, at.columns * begin)
     call_each(calls.drag, step, 0, count, dt, address(given, 0))
     for k in range(count):
-        node = pieces.node[begin + k]
-        for j in range(STENCIL):
-            n = 3 * (node + j // 9 * cells.along_x + j // 3 % 3 * cells.along_y + j % 3)
-            share = pieces.weights[STENCIL * (begin + k) + j]
-            for i in range(3):
-                state.force[n + i] += share * f[k, i]
+        on = (pieces.weights, SPLINES * (begin + k), pieces.node[begin + k])
+        force = (f[k, 0], f[k, 1], f[k, 2])
+        add_force(*on, cells.along_x, cells.along_y, force, state.force)
 
 
 @inner
@@ -103,11 +105,16 @@ def carry(part, given):
     first = TOGETHER * part
     last = min(first + TOGETHER, len(nodes.active))
     for k in range(first, last):
-        f = state.force[3 * nodes.active[k] : 3 * nodes.active[k] + 3]
-        n = pieces.normal[3 * pieces.of[k] : 3 * pieces.of[k] + 3]
-        square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
-        out = (n[0] * f[0] + n[1] * f[1] + n[2] * f[2]) / square if square > 0.0 else 0.0
+        node = 3 * nodes.active[k]
+        piece = 3 * pieces.of[k]
+        n0 = pieces.normal[piece]
+        n1 = pieces.normal[piece + 1]
+        n2 = pieces.normal[piece + 2]
+        f = state.force
+        out = n0 * f[node] + n1 * f[node + 1] + n2 * f[node + 2]
         across = 1.0 / (1.0 + pieces.carried[2 * k])
         beside = 1.0 / (1.0 + pieces.carried[2 * k + 1])
-        for i in range(3):
-            f[i] = beside * f[i] + (across - beside) * out * n[i]
+        out *= (across - beside) / (n0 * n0 + n1 * n1 + n2 * n2)
+        f[node] = beside * f[node] + out * n0
+        f[node + 1] = beside * f[node + 1] + out * n1
+        f[node + 2] = beside * f[node + 2] + out * n2

@@ -129,17 +129,22 @@ def give_at(places, k, along_x, along_y, correction, inverse_mass):
     return give
 
 
-@compiled
-def velocity_at(places, k, along_x, along_y, push, correction, field):
-    """Velocity (m/s) of place k, as the impulses so far have changed it."""
+@inlined
+def sum_at(splines, at, node, along_x, along_y, field):
+    """Sum of a nodal field (3 nodes,) times the splines of a place, as of Places, from index `at` on; node: the cell's first one."""
     low = splat(0.0)
     last = 0.0
     for row in range(9):
-        n = 3 * (places.node[k] + row // 3 * along_x + row % 3 * along_y)
-        at = SPLINES * k + 9 * row
-        low = low + load(places.splines, at) * load(field, n)
-        last += places.splines[at + 8] * field[n + 8]
-    x, y, z = _components(low, last)
+        n = 3 * (node + row // 3 * along_x + row % 3 * along_y)
+        low = low + load(splines, at + 9 * row) * load(field, n)
+        last += splines[at + 9 * row + 8] * field[n + 8]
+    return _components(low, last)
+
+
+@compiled
+def velocity_at(places, k, along_x, along_y, push, correction, field):
+    """Velocity (m/s) of place k, as the impulses so far have changed it."""
+    x, y, z = sum_at(places.splines, SPLINES * k, places.node[k], along_x, along_y, field)
     s, t, u = ahead_at(correction, places.knot[k], places.fields, FIELDS * k)
     return x + push * s, y + push * t, z + push * u
 

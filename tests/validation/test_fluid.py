@@ -201,12 +201,12 @@ def wave(duration: float, fluid: dict[str, float]) -> Scene:
         "density": RHO,
         "remanence": 50e-3,
     }
-    turning = {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": 5.0}}
+    turning = {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": 10.0}}
     return moving_scene(
         {"strip": strip},
         {"magnetic_torque": {}, "fluid": fluid},
         materials={"m": material},
-        field={"uniform": [6e-3, 0.0, 0.0], "over_time": turning},
+        field={"uniform": [9e-3, 0.0, 0.0], "over_time": turning},
         duration=duration,
     )
 
@@ -241,11 +241,11 @@ def swum(x: np.ndarray, times: np.ndarray, mu: float, b: float, h: float) -> np.
 
 
 def test_a_strip_swims_as_resistive_force_theory_says(tmp_path: Path) -> None:
-    """The wave that runs along it is that of the simulation; how far it swims in it is the theory's to say."""
+    """The wave that runs along it is the simulation's; how far it swims by it is the theory's to say."""
     from magmpm.results.trajectory import Motion
 
     mu = 2.0
-    scene = wave(0.6, {"density": 1000.0, "viscosity": mu})
+    scene = wave(0.2, {"density": 1000.0, "viscosity": mu})
     run(scene, folder=tmp_path)
     motion = Motion.load(tmp_path)
     on = np.argsort(motion.reference[:, 0])
@@ -256,10 +256,9 @@ def test_a_strip_swims_as_resistive_force_theory_says(tmp_path: Path) -> None:
             for k in range(len(motion.times))
         ]
     )[:, :, [0, 2]]
-    cycle = motion.times >= 0.4 - 1e-9  # the last one
+    cycle = motion.times >= 0.1 - 1e-9  # the last one
     theory = swum(x, motion.times, mu, 1e-3, 0.5e-3)[cycle].mean(axis=0)
-    found = (x[-1] - x[cycle][0]).mean(axis=0) / 0.2
-    print(theory, found)
+    found = (x[-1] - x[cycle][0]).mean(axis=0) / 0.1
     assert np.linalg.norm(found) > 1e-4  # m/s
     np.testing.assert_allclose(found, theory, rtol=0, atol=0.03 * np.linalg.norm(theory))
 
@@ -324,8 +323,7 @@ def test_the_flow_through_a_lumen_is_poiseuilles() -> None:
         across = np.cross(along, [0.0, 0.0, 1.0])
         for r in (0.0, 1e-3, 2.5e-3, 3.5e-3):
             x = (axis[k] + axis[k + 1]) / 2 + r * across
-            v = np.empty(3)
-            stream(records[0], table, x, v)
+            v = stream(records[0], table, x)
             wanted = 0.2 * max(0.0, 1.0 - (r / 3e-3) ** 2) * along
             # beside a bend the next piece of the axis may be nearer, and turned by a degree
             np.testing.assert_allclose(v, wanted, atol=0.02 * 0.2)
