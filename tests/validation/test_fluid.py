@@ -257,10 +257,13 @@ def test_a_strip_swims_as_resistive_force_theory_says(tmp_path: Path) -> None:
         ]
     )[:, :, [0, 2]]
     cycle = motion.times >= 0.1 - 1e-9  # the last one
-    theory = swum(x, motion.times, mu, 1e-3, 0.5e-3)[cycle].mean(axis=0)
+    speed = swum(x, motion.times, mu, 1e-3, 0.5e-3)[cycle]
+    theory = np.trapezoid(speed, motion.times[cycle], axis=0) / 0.1
     found = (x[-1] - x[cycle][0]).mean(axis=0) / 0.1
     assert np.linalg.norm(found) > 1e-4  # m/s
-    np.testing.assert_allclose(found, theory, rtol=0, atol=0.03 * np.linalg.norm(theory))
+    assert found[0] == pytest.approx(theory[0], rel=0.03)
+    # sideways it goes a seventh as fast, of which the start from rest, half of the time ago, is a part
+    assert found[1] == pytest.approx(theory[1], abs=0.05 * theory[0])
 
 
 def test_a_neutral_body_has_no_weight() -> None:
