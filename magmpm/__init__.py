@@ -2,6 +2,9 @@
 
 result = magmpm.run("scene.yaml")              # or a Scene: magmpm.load_scene("scene.yaml").with_field("8 mT")
 print(result, result.tip)                      # everything in SI; names in __all__ are loaded when they are first used
+
+Scenes are also made of objects (Scene, Material, Catheter, Gravity, ...). They take text with a unit or a number in SI, are refused with
+key, rule and remedy, and stand wherever a scene takes a dict.
 """
 
 from importlib import import_module
@@ -10,7 +13,22 @@ from typing import TYPE_CHECKING, Any
 from magmpm.compiled import environment
 
 if TYPE_CHECKING:
+    from magmpm.bodies.assembly import MeshPart, Parts
+    from magmpm.bodies.catheter import Catheter, Tube
+    from magmpm.bodies.segments import Segment
+    from magmpm.bodies.strip import Strip
     from magmpm.compare import error
+    from magmpm.effects.damping import Damping
+    from magmpm.effects.feed import Feed
+    from magmpm.effects.fluid import Fluid
+    from magmpm.effects.gravity import Gravity
+    from magmpm.effects.ground import Ground
+    from magmpm.effects.magnetic_force import MagneticForce
+    from magmpm.effects.magnetic_interaction import MagneticInteraction
+    from magmpm.effects.magnetic_torque import MagneticTorque
+    from magmpm.effects.self_contact import SelfContact
+    from magmpm.effects.viscosity import Viscosity
+    from magmpm.effects.walls import Walls
     from magmpm.errors import (
         BudgetError,
         InputError,
@@ -19,25 +37,55 @@ if TYPE_CHECKING:
         SceneError,
         SolveError,
     )
+    from magmpm.fields.sources import Coil, Cuboid, Cylinder, Dipole, Magnet, UniformField
     from magmpm.results.notices import MagmpmWarning
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
     from magmpm.scene import Scene, load_scene
+    from magmpm.scene.options import Dynamic, Material, QuasiStatic, Resolution, Static
     from magmpm.simulate import run, sensitivities
     from magmpm.studies.in_python import design, fit, influence, sweep
 
 __version__ = "0.1.0"
 __all__ = [
     "BudgetError",
+    "Catheter",
+    "Coil",
+    "Cuboid",
+    "Cylinder",
+    "Damping",
+    "Dipole",
+    "Dynamic",
+    "Feed",
+    "Fluid",
+    "Gravity",
+    "Ground",
     "InputError",
     "MagmpmError",
     "MagmpmWarning",
+    "Magnet",
+    "MagneticForce",
+    "MagneticInteraction",
+    "MagneticTorque",
+    "Material",
+    "MeshPart",
     "Motion",
     "NotThereYet",
+    "Parts",
+    "QuasiStatic",
+    "Resolution",
     "Result",
     "Scene",
     "SceneError",
+    "Segment",
+    "SelfContact",
     "SolveError",
+    "Static",
+    "Strip",
+    "Tube",
+    "UniformField",
+    "Viscosity",
+    "Walls",
     "design",
     "error",
     "fit",
@@ -59,6 +107,29 @@ _HOMES |= {
     "error": "compare",
     "load_scene": "scene",
     **dict.fromkeys(("design", "fit", "influence", "sweep"), "studies.in_python"),
+}
+_HOMES |= {
+    "Segment": "bodies.segments",
+    "Strip": "bodies.strip",
+    "Damping": "effects.damping",
+    "Feed": "effects.feed",
+    "Fluid": "effects.fluid",
+    "Gravity": "effects.gravity",
+    "Ground": "effects.ground",
+    "MagneticForce": "effects.magnetic_force",
+    "MagneticInteraction": "effects.magnetic_interaction",
+    "MagneticTorque": "effects.magnetic_torque",
+    "SelfContact": "effects.self_contact",
+    "Viscosity": "effects.viscosity",
+    "Walls": "effects.walls",
+    **dict.fromkeys(("MeshPart", "Parts"), "bodies.assembly"),
+    **dict.fromkeys(("Catheter", "Tube"), "bodies.catheter"),
+    **dict.fromkeys(
+        ("Coil", "Cuboid", "Cylinder", "Dipole", "Magnet", "UniformField"), "fields.sources"
+    ),
+    **dict.fromkeys(
+        ("Dynamic", "Material", "QuasiStatic", "Resolution", "Static"), "scene.options"
+    ),
 }
 environment.prepare()  # before anything imports Numba
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import ConfigDict, Field, model_validator
 
 from magmpm.bodies.assembly import Parts
 from magmpm.bodies.body_shape import BodyShape
 from magmpm.bodies.catheter import Catheter
 from magmpm.bodies.strip import Strip
-from magmpm.inputs.settings import Settings, fault
+from magmpm.inputs.settings import Settings, fault, standing_for
 
 CATHETER = {
     "length": "40 mm",
@@ -47,6 +49,12 @@ class Body(Settings):
     parts: Parts | None = Field(
         default=None, description="STL meshes, one a part.", examples=[PARTS]
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_a_shape(cls, data: Any) -> Any:
+        """A catheter, strip or parts made in Python stands for the body with that key."""
+        return standing_for(data, {Catheter: "catheter", Strip: "strip", Parts: "parts"})
 
     @model_validator(mode="after")
     def _one(self) -> Body:

@@ -132,7 +132,7 @@ class BodyShape(Settings):
 
     @abstractmethod
     def wetted(self, grid: Grid, *, base: bool) -> WettedSurface:
-        """Pieces of it that a fluid around it meets; base: as of `surface`."""
+        """Pieces of it that a fluid meets; base: as of `surface`."""
 
     def held_surface(self, grid: Grid) -> SurfacePoints:
         """Points on faces of what can move that lie on held parts; a body that is not made of parts has none."""

@@ -223,3 +223,11 @@ class Catheter(StraightBody):
             f" {int(np.ceil(cells_across / wall - 1e-9))} or more, or ask for an error:"
             " `resolution: {error: 1 %}`"
         ]
+
+
+class Tube(Catheter):
+    """A catheter with a bore: the same settings, of which `inner_diameter` must be given. In files it is a catheter."""
+
+    inner_diameter: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
+        description="Diameter of the bore.", examples=["2 mm"]
+    )

@@ -14,7 +14,7 @@ from magmpm.errors import InputError
 from magmpm.results.file_names import CHECKPOINT
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from magmpm.scene.options import DynamicOptions
+from magmpm.scene.options import Dynamic
 
 
 def motion_hash(scene: Scene) -> str:
@@ -119,7 +119,7 @@ class Checkpoint:
                 remedy="run without --resume: from the start",
             )
 
-    def times(self, options: DynamicOptions) -> list[float]:
+    def times(self, options: Dynamic) -> list[float]:
         """Times (s) of all frames but the first of a motion that continues from here, at the same interval."""
         return options.model_copy(update={"output_every": self.every}).frame_times
 

@@ -46,7 +46,7 @@ from magmpm.effects.base import Records
 from magmpm.kernels.watch import BROKEN, GOING, HIGHEST, LIMIT, QUICK, QUICKEST, SHARE, STIFF, WHY
 from magmpm.materials import pressure_wave_speed
 from magmpm.model import Model
-from magmpm.scene.options import DynamicOptions
+from magmpm.scene.options import Dynamic
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
 CHANGE = 0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
@@ -249,7 +249,7 @@ class StepControl:
     step s: longest next step; shortest s: shortest step so far; why: what shortened it last, in a few words, or "".
     """
 
-    def __init__(self, motion: TotalMotion, stable: StableStep, options: DynamicOptions) -> None:
+    def __init__(self, motion: TotalMotion, stable: StableStep, options: Dynamic) -> None:
         self._motion = motion
         self._stable = stable
         self._options = options

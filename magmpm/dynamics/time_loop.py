@@ -24,7 +24,7 @@ from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene, time_limit
 from magmpm.scene.memory import GROWTH
-from magmpm.scene.options import DynamicOptions
+from magmpm.scene.options import Dynamic
 
 CHUNK = 256  # steps between two checks of the motion
 Progress = Callable[[float, int], None]
@@ -57,7 +57,7 @@ class SimulationState:
     balance: watchdog.EnergyBalance = field(default_factory=watchdog.EnergyBalance)
 
 
-def _options(scene: Scene) -> DynamicOptions:
+def _options(scene: Scene) -> Dynamic:
     options = scene.solver.dynamic
     if options is None:
         raise InputError(
@@ -84,7 +84,7 @@ def begin(model: Model) -> SimulationState:
     return SimulationState(motion, stable, control, control.step, options.frame_interval)
 
 
-def _within_memory(motion: TotalMotion, options: DynamicOptions) -> None:
+def _within_memory(motion: TotalMotion, options: Dynamic) -> None:
     needed = memory(motion)
     if options.max_memory is not None and needed > options.max_memory:
         raise SceneError(

@@ -5,7 +5,7 @@ To add an effect: one file (docs/adding_an_effect.md has a worked example), and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, ClassVar, Literal, get_args
 
@@ -244,6 +244,14 @@ class Effects(Settings):
     auto: SkipJsonSchema[Literal[True] | None] = Field(
         default=None, description="The program chooses.", examples=[True]
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_a_list(cls, data: Any) -> Any:
+        """Effects made in Python may be given as a list: each knows its key."""
+        if isinstance(data, Sequence) and data and all(isinstance(one, Effect) for one in data):
+            return {one.key(): one for one in data}
+        return data
 
     @model_validator(mode="after")
     def _auto_stands_alone(self) -> Effects:

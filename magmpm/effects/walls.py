@@ -57,7 +57,7 @@ def parameters(table: DistanceTable, **pushing: float) -> Records:
     )
 
 
-class Tube(Settings):
+class TubularLumen(Settings):
     """A tube around a path."""
 
     radius: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
@@ -77,7 +77,7 @@ class Tube(Settings):
     )
 
     @model_validator(mode="after")
-    def _can_be_made(self) -> Tube:
+    def _can_be_made(self) -> TubularLumen:
         points = np.array(self.path)
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if len(points) < 2 or not np.all(steps > 0):
@@ -133,7 +133,7 @@ class Walls(Obstacle):
 
     WORDS = "the wall"
     CLEAR = "make the lumen wider, or move it"
-    tube: Tube | None = Field(
+    tube: TubularLumen | None = Field(
         default=None,
         description="The inside of a tube around a path; give this or `surface`.",
         examples=[
@@ -239,11 +239,11 @@ class Walls(Obstacle):
 
 
 @lru_cache(maxsize=4)
-def _tube_table(tube: Tube) -> DistanceTable:
+def _tube_table(tube: TubularLumen) -> DistanceTable:
     return distance.tube(_path(tube), tube.radius, tube.radius / POINTS)
 
 
-def _path(tube: Tube) -> Array:
+def _path(tube: TubularLumen) -> Array:
     return curve(np.array(tube.path), tube.radius / POINTS / 4)
 
 

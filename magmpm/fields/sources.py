@@ -5,8 +5,8 @@ The descriptions and examples are what editors show (scene.schema.json) and what
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
@@ -186,6 +186,14 @@ class Tabulation(Settings):
         return self
 
 
+class UniformField(Settings):
+    """The same flux density everywhere, for fields made in Python: `UniformField(uniform=["0 mT", "6 mT", "8 mT"])`."""
+
+    uniform: FluxVector = Field(
+        description="Flux density: [x, y, z].", examples=[["0 mT", "6 mT", "8 mT"]]
+    )
+
+
 class FieldSource(Settings):
     """The outside magnetic field: the sum of its sources."""
 
@@ -245,6 +253,24 @@ class FieldSource(Settings):
         description="How the field changes in time; it does not unless given.",
         examples=[{"ramp": {"duration": "50 ms"}}],
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_sources(cls, data: Any) -> Any:
+        """A source made in Python, or a list of them, stands for the field that they make."""
+        sources = [data] if isinstance(data, Settings) else data
+        keys: dict[type, str] = {Dipole: "dipole", Magnet: "magnet", Coil: "coils"}
+        if isinstance(sources, Mapping) or not isinstance(sources, Sequence):
+            return data
+        made: dict[str, Any] = {}
+        for one in sources:
+            if isinstance(one, UniformField):
+                made["uniform"] = np.add(made.get("uniform", np.zeros(3)), one.uniform).tolist()
+            elif type(one) in keys:
+                made.setdefault(keys[type(one)], []).append(one)
+            else:
+                return data
+        return made
 
     def text(self) -> str:
         """The field in a few words: "(0, 6, 8) mT + magnet of 1.3 T at (60, 0, 0) mm, changing in time"; "none" without any."""

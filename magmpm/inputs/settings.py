@@ -6,6 +6,7 @@ Python (no file in the validation context) also take bare floats, in SI. Either 
 
 import json
 from collections.abc import Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -18,12 +19,20 @@ from pydantic import (
     SerializationInfo,
     ValidationError,
     ValidationInfo,
+    model_validator,
 )
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from magmpm.errors import InputError, NotThereYet
-from magmpm.inputs.messages import NOTHING, Instead, empty_values, overruled, translate
+from magmpm.inputs.messages import (
+    NOTHING,
+    Instead,
+    Problem,
+    empty_values,
+    overruled,
+    translate,
+)
 from magmpm.inputs.quantities import KINDS, BadQuantity, a, as_text, format_si, parse_quantity
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, Key
@@ -42,13 +51,34 @@ class Settings(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    in_python: ClassVar[ContextVar[bool]] = ContextVar("in_python", default=False)
     not_there_yet: ClassVar[Mapping[str, str]] = {}
     unknown_key: ClassVar[str] = "remove it"
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _told_in_python(cls, data: Any, handler: Any, info: ValidationInfo) -> Any:
+        """Raises InputError in place of pydantic's error where an object is made in Python, of the outermost one, whose keys it names."""
+        if info.context is not None or cls.in_python.get():
+            return handler(data)
+        within = cls.in_python.set(True)
+        try:
+            return handler(data)
+        except ValidationError as error:
+            problems, left = _problems(cls, data, error)
+            raise _told(problems, left, None, {}) from None
+        finally:
+            cls.in_python.reset(within)
 
     @staticmethod
     def by_other_keys(key: str, values: Any) -> Instead | None:
         """Return what to write in place of an unknown key that people use; values: what stands beside it. None: nothing is known of it."""
         return None
+
+
+def standing_for(data: Any, keys: Mapping[Any, str]) -> Any:
+    """The mapping for which an object of one of these classes stands, by its key; other data as they are."""
+    return next(({key: data} for kind, key in keys.items() if isinstance(data, kind)), data)
 
 
 def fault(rule: str, remedy: str, at: Key = ()) -> PydanticCustomError:
@@ -163,16 +193,27 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
         if not problems:
             return result
     except ValidationError as error:
-        errors = [e for e in error.errors(include_url=False) if not overruled(e)]
-        found = [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]]
-        left = max(0, len(errors) - MOST_WORDED)
-        meant = {
-            p.meant for p in found if p.meant is not None
-        }  # a misspelled key that is required is one mistake, not two
-        problems += [
-            p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)
-        ]
-    lines = data.lines if isinstance(data, Document) else {}
+        found, left = _problems(model, data, error)
+        problems += [problem for problem in found if problem.at not in empty]
+    raise _told(problems, left, file, data.lines if isinstance(data, Document) else {})
+
+
+def _problems(
+    model: type[BaseModel], data: Any, error: ValidationError
+) -> tuple[list[Problem], int]:
+    """Pydantic's errors in words, and the number of those beyond MOST_WORDED."""
+    errors = [e for e in error.errors(include_url=False) if not overruled(e)]
+    found = [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]]
+    # a misspelled key that is required is one mistake, not two
+    meant = {p.meant for p in found if p.meant is not None}
+    kept = [p for p in found if not (p.received == NOTHING and p.at in meant)]
+    return kept, max(0, len(errors) - MOST_WORDED)
+
+
+def _told(
+    problems: list[Problem], left: int, file: Path | None, lines: Mapping[Key, int]
+) -> InputError:
+    """One error for all problems; left: how many more there are; lines: of keys in the file."""
     shown = sorted(problems, key=lambda p: p.line(lines))[:MOST_SHOWN]
     text = "\n".join(problem.text(file, lines) for problem in shown)
     count = len(problems) + left
@@ -180,7 +221,7 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
         text += f"\n... and {count - MOST_SHOWN} more"
     if count > 1:
         text = f"{count} problems in {file if file is not None else 'the input'}\n{text}"
-    raise (NotThereYet if all(p.later for p in problems) and not left else InputError)(text)
+    return (NotThereYet if all(p.later for p in problems) and not left else InputError)(text)
 
 
 class _InputSchema(GenerateJsonSchema):

@@ -11,7 +11,7 @@ from magmpm.effects.magnetic_torque import MagneticTorque
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.vectors import Angles
 from magmpm.inputs.yaml_document import of_file
-from magmpm.scene.options import Material, Resolution, Solver, StaticOptions
+from magmpm.scene.options import Material, Resolution, Solver, Static
 from magmpm.scene.scene import Reference, Scene, load_scene
 
 __all__ = [
@@ -29,7 +29,7 @@ __all__ = [
     "Scene",
     "Segment",
     "Solver",
-    "StaticOptions",
+    "Static",
     "Strip",
     "load_scene",
     "of_file",

@@ -25,13 +25,21 @@ from magmpm.effects.contact_law import Friction
 from magmpm.errors import quantity
 from magmpm.inputs.messages import Instead, plain_word
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
-from magmpm.inputs.settings import Bytes, Duration, Quantity, Settings, fault, from_file
+from magmpm.inputs.settings import (
+    Bytes,
+    Duration,
+    Quantity,
+    Settings,
+    fault,
+    from_file,
+    standing_for,
+)
 from magmpm.materials import STIFFEST, bulk_over_shear, poisson_ratio, shear_of_young
 
 MOST_FRAMES = 100_000
 
 
-class DynamicOptions(Settings):
+class Dynamic(Settings):
     """Motion in time by explicit steps."""
 
     duration: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] = Field(
@@ -83,7 +91,7 @@ class DynamicOptions(Settings):
         return {key: value for key, value in given.items() if key != "formulation"}
 
     @model_validator(mode="after")
-    def _frames_can_be_counted(self) -> DynamicOptions:
+    def _frames_can_be_counted(self) -> Dynamic:
         frames = self.duration / (self.output_every or self.duration)
         if frames > MOST_FRAMES * (1 + 1e-9):
             raise fault(
@@ -110,7 +118,7 @@ class DynamicOptions(Settings):
         )
 
 
-class QuasiStaticOptions(Settings):
+class QuasiStatic(Settings):
     """Equilibria along time, each found from the one before."""
 
     steps: int | None = Field(
@@ -161,7 +169,7 @@ class QuasiStaticOptions(Settings):
         return times
 
     @model_validator(mode="after")
-    def _one_way_to_say_when(self) -> QuasiStaticOptions:
+    def _one_way_to_say_when(self) -> QuasiStatic:
         if self.steps is None and self.at is None:
             raise fault(
                 "it must say when: `steps` or `at`", "write, say, `quasi_static: {steps: 40}`"
@@ -401,7 +409,7 @@ _ERROR = {
 }
 
 
-class StaticOptions(Settings):
+class Static(Settings):
     """Equilibrium: how it is sought."""
 
     tolerance: float = Field(
@@ -449,14 +457,14 @@ class Solver(Settings):
         ),
         examples=["f-bar"],
     )
-    static: StaticOptions = Field(
-        default=StaticOptions(),
+    static: Static = Field(
+        default=Static(),
         description=(
             "Equilibrium: {} for the usual settings; give this, `quasi_static` or `dynamic`."
         ),
         examples=[{}],
     )
-    dynamic: DynamicOptions | None = Field(
+    dynamic: Dynamic | None = Field(
         default=None,
         description=(
             "Motion in time, from rest: at least {duration: 0.5 s}; give this, `quasi_static` or"
@@ -464,7 +472,7 @@ class Solver(Settings):
         ),
         examples=[{"duration": "0.5 s", "output_every": "5 ms"}],
     )
-    quasi_static: QuasiStaticOptions | None = Field(
+    quasi_static: QuasiStatic | None = Field(
         default=None,
         description=(
             "Equilibria along time, each from the one before: {steps: 40}; give this, `dynamic` or"
@@ -473,13 +481,19 @@ class Solver(Settings):
         examples=[{"steps": 40}],
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_options(cls, data: Any) -> Any:
+        """Options made in Python stand for the solver with their key."""
+        return standing_for(
+            data, {Static: "static", Dynamic: "dynamic", QuasiStatic: "quasi_static"}
+        )
+
     @model_validator(mode="after")
     def _one_solver(self, info: ValidationInfo) -> Solver:
         """One kind of solve has no use for the settings of another; plain SI data hold all three, with the usual settings of statics."""
         given = [key for key in ("quasi_static", "dynamic") if getattr(self, key) is not None]
-        if "static" in self.model_fields_set and (
-            from_file(info) or self.static != StaticOptions()
-        ):
+        if "static" in self.model_fields_set and (from_file(info) or self.static != Static()):
             given.insert(0, "static")
         if len(given) > 1:
             raise fault(

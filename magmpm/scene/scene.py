@@ -1,7 +1,7 @@
 """Scenes: what is simulated, how, and how finely, as immutable values in SI.
 
 `load_scene(path)` reads a file, where quantities carry units. In Python the same classes take SI floats (or
-text with units), `Material(shear_modulus=120e3, bulk_to_shear=20)`, and raise pydantic's ValidationError.
+text with units), `Material(shear_modulus=120e3, bulk_to_shear=20)`, and raise InputError.
 `scene.to_si()` is plain SI data, as results save it, and `Scene.from_si` makes the same scene of it.
 """
 

@@ -19,6 +19,7 @@ import pytest
 
 import magmpm
 from magmpm import errors
+from magmpm.inputs.settings import Settings
 
 ROOT = Path(__file__).parents[3]
 SCENE = ROOT / "data" / "scenes" / "axial_transverse.yaml"
@@ -42,7 +43,8 @@ def public() -> dict[str, Any]:
     """Everything of the public face that has a docstring: functions, classes, the functions of these."""
     found = {name: getattr(magmpm, name) for name in magmpm.__all__}
     for thing in list(found.values()):
-        if isinstance(thing, type):
+        # of what scenes are made of users know the settings, whose descriptions editors show
+        if isinstance(thing, type) and (thing is magmpm.Scene or not issubclass(thing, Settings)):
             found.update(functions(thing))
     return found
 
@@ -142,6 +144,20 @@ def test_docstrings_say_parameters_shapes_units_and_errors(name: str) -> None:
         assert thing.__doc__ != getattr(thing.__mro__[1], "__doc__", None)
         if dataclasses.is_dataclass(thing):
             assert field_faults(thing) == []
+
+
+OBJECTS = [
+    name
+    for name in magmpm.__all__
+    if isinstance(getattr(magmpm, name), type) and issubclass(getattr(magmpm, name), Settings)
+]
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_settings_of_objects_are_described(name: str) -> None:
+    for key, field in getattr(magmpm, name).model_fields.items():
+        assert field.description, f"{name}.{key}"
+        assert field.examples, f"{name}.{key}"
 
 
 def test_the_check_of_docstrings_sees_what_is_missing() -> None:
