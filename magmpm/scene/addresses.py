@@ -7,7 +7,7 @@ units, or numbers in SI.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any
 
@@ -62,12 +62,40 @@ def changed(scene: Scene, values: Mapping[Place, Any]) -> Scene:
     if not values:
         return scene
     data = {**scene.to_si(), "reference": None}  # it is that of another scene
-    for place, value in values.items():
-        inner: Any = data
-        for part in place[:-1]:
-            inner = inner[part]
-        inner[place[-1]] = value
+    put(data, values, scene)
     return Scene.from_si(data)
+
+
+def put(data: dict[str, Any], values: Mapping[Place, Any], scene: Scene) -> None:
+    """Write values at these places into a scene's plain data: in SI, or the content of its file, with units.
+
+    A vector that a file leaves out, or gives in another form, is first written as `scene` has it.
+    """
+    for place, value in values.items():
+        holder = _holder(data, place)
+        if isinstance(place[-1], int) and not isinstance(holder, list):
+            holder = value_at(scene, place[:-1], units=True)
+            _holder(data, place[:-1])[place[-2]] = holder
+        holder[place[-1]] = value
+
+
+def say(content: dict[str, Any], scene: Scene, places: Iterable[Place]) -> None:
+    """Make the content of a file say what a scene says at these places, with units; read again, they are equal to the last bit."""
+    for place in places:
+        value = value_at(scene, place, units=True)
+        put(content, {place: value}, scene)
+        if value is None:  # the scene leaves it out
+            del _holder(content, place)[place[-1]]
+
+
+def _holder(data: Any, place: Place) -> Any:
+    """What holds a place in a scene's data. A file may leave out keys, and the list around one item."""
+    for part in place[:-1]:
+        if isinstance(part, str) and data.get(part) is None:
+            data[part] = {}
+        if isinstance(part, str) or isinstance(data, list):
+            data = data[part]
+    return data
 
 
 def _parts(address: str) -> list[str | int | None]:

@@ -18,7 +18,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "browser"))
 MOVES = """async (count) => {
-  const view = window.magmpm, slider = document.querySelector('input[data-id="field.z"]');
+  const view = window.magmpm, slider = document.querySelector('input[data-id="field.uniform[2]"]');
   const pause = (ms) => new Promise((done) => setTimeout(done, ms));
   const move = (value) => { slider.value = value; slider.dispatchEvent(new Event('input', { bubbles: true })); };
   const out = [];

@@ -60,7 +60,7 @@ def test_a_slider_moves_the_body(view: View) -> None:
     scene = load_scene(FIVE)
     np.testing.assert_allclose(tip(page), run(scene).tip, atol=SAID)
     before = pixels(page)
-    turn(page, "field.z", -6.0)
+    turn(page, "field.uniform[2]", -6.0)
     assert (
         page.locator("#state").get_attribute("class") != "solved"
     )  # at once: what is shown is not yet that of the new value
@@ -79,7 +79,7 @@ def test_strength_and_direction_turn_the_components(view: View) -> None:
         assert float(
             page.locator(f'input[data-number="field.{axis}"]').input_value()
         ) == pytest.approx(value, abs=0.02)
-    turn(page, "field.z", 0.0)
+    turn(page, "field.uniform[2]", 0.0)
     assert float(
         page.locator('input[data-number="polar.elevation"]').input_value()
     ) == pytest.approx(0.0, abs=0.5)
@@ -91,7 +91,7 @@ def test_old_shapes_are_never_told_as_new(view: View) -> None:
     page = view(FIVE)
     settled(page)
     wrong = page.evaluate("""async () => {
-      const view = window.magmpm, slider = document.querySelector('input[data-id="field.z"]'), wrong = [];
+      const view = window.magmpm, slider = document.querySelector('input[data-id="field.uniform[2]"]'), wrong = [];
       const look = () => {
         const kind = document.getElementById('state').className;
         if (kind === 'solved' && (view.shown.version !== view.version || view.shown.state !== 'solved')) wrong.push('solved');
@@ -118,8 +118,8 @@ def test_a_saved_scene_gives_the_same_shape(view: View) -> None:
     """The button says where it is; its run has the tip that was shown."""
     page = view(FIVE, "--cells", "2")
     settled(page)
-    turn(page, "field.x", -3.0)
-    turn(page, "direction.4.azimuth", 20.0)
+    turn(page, "field.uniform[0]", -3.0)
+    turn(page, "body.catheter.segments[4].magnetization.azimuth", 20.0)
     turn(page, "inserted", 31.5)
     settled(page)
     page.get_by_role("button", name="Save this scene").click()
@@ -146,7 +146,7 @@ def test_what_can_not_be_is_said_in_words(view: View) -> None:
     """A field beyond what a scene allows; a magnet inside the body: why, and what to do; then on as before."""
     page = view(FIVE, "--cells", "2")
     settled(page)
-    typed = page.locator('input[data-number="field.x"]')
+    typed = page.locator('input[data-number="field.uniform[0]"]')
     typed.fill("1e9")
     typed.press("Enter")
     settled(page, "failed")
@@ -162,13 +162,13 @@ def test_a_magnet_can_be_moved(view: View) -> None:
     page = view(SCENES / "pulled_by_magnet.yaml", "--cells", "2")
     settled(page)
     before = tip(page)
-    turn(page, "magnet.0.z", -20.0)
+    turn(page, "field.magnet[0].position[2]", -20.0)
     settled(page)
     np.testing.assert_allclose(
         tip(page), before * [1, 1, -1], atol=2e-5
     )  # its mirror image, to the table's error
-    turn(page, "magnet.0.z", 0.0)
-    turn(page, "magnet.0.x", 30.0)
+    turn(page, "field.magnet[0].position[2]", 0.0)
+    turn(page, "field.magnet[0].position[0]", 30.0)
     settled(page, "failed")
     assert page.locator("#words").inner_text()
 
@@ -227,7 +227,7 @@ def test_a_narrow_window_shows_body_and_sliders(view: View) -> None:
     box = page.locator("#view").bounding_box()
     assert box["width"] >= 400
     assert box["height"] >= 200
-    slider = page.locator('input[type=range][data-id="field.z"]')
+    slider = page.locator('input[type=range][data-id="field.uniform[2]"]')
     slider.scroll_into_view_if_needed()
     assert slider.bounding_box()["width"] >= 100
     slider.focus()

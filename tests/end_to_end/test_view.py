@@ -172,11 +172,11 @@ def test_a_fault_of_ours_is_answered(server: PageServer) -> None:
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ('{"field.z": 99999}', "field Bz: 99 999 mT\n"),
-        ('{"field.x": 1, "field.z": -99999.5}', "field Bz: -99 999.5 mT\n"),
+        ('{"field.uniform[2]": 99999}', "field Bz: 99 999 mT\n"),
+        ('{"field.uniform[0]": 1, "field.uniform[2]": -99999.5}', "field Bz: -99 999.5 mT\n"),
         ('{"inserted": -3}', "length outside the guide length: -3 mm\n"),
-        ('{"field.z": 1' + 400 * "0" + "}", "field Bz: received 1000"),
-        ('{"field.z": true}', "field Bz: received True"),
+        ('{"field.uniform[2]": 1' + 400 * "0" + "}", "field Bz: received 1000"),
+        ('{"field.uniform[2]": true}', "field Bz: received True"),
     ],
 )
 def test_a_wrong_number_is_told_with_its_slider_and_unit(

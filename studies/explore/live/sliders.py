@@ -18,18 +18,23 @@ from magmpm.fields.schedule import places
 from magmpm.inputs.vectors import Vector
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.addresses import Place, put, written
+from magmpm.scene.addresses import changed as changed_at
 from magmpm.solving.effects_choice import choose_effects
 from magmpm.studies.search.best_scene import as_yaml, moved_content
 
 SOURCES = ("dipole", "magnet", "coils")
 AXES = "xyz"
+INSERTED = "inserted"
 Values = Mapping[str, float]
-Data = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Control:
-    """One number. value, low, high: in `unit`; group: what it stands under; id: its name in `Values`."""
+    """One number. value, low, high: in `unit`; group: what it stands under; id: its name in `Values`, the address of the number.
+
+    place: in the scene; of an angle that of its direction; () of the length outside the guide.
+    """
 
     id: str
     group: str
@@ -39,6 +44,7 @@ class Control:
     high: float
     step: float
     value: float
+    place: Place = ()
 
     def said(self, value: float) -> str:
         """Slider, number and unit, as in "field Bz: 99 999 mT"."""
@@ -125,17 +131,12 @@ def _field(scene: Scene) -> Iterator[Control]:
         return
     largest = nice(1e3 * max(20e-3, 2 * float(np.linalg.norm(field.uniform))))
     group = "Uniform field" if field.varies else "Field"
-    for axis, value in zip(AXES, field.uniform, strict=True):
-        yield Control(
-            f"field.{axis}",
-            group,
-            f"B{axis}",
-            "mT",
-            -largest,
-            largest,
-            largest / 400,
-            shown(1e3 * value),
-        )
+    for k, value in enumerate(field.uniform):
+        place = ("field", "uniform", k)
+        now = shown(1e3 * value)
+        name = f"B{AXES[k]}"
+        step = largest / 400
+        yield Control(written(place), group, name, "mT", -largest, largest, step, now, place)
 
 
 def _uniform_counts(scene: Scene) -> bool:
@@ -154,7 +155,7 @@ def _inserted(scene: Scene) -> Iterator[Control]:
     high = 1e3 * catheter.length
     if high > 1.5 * low:
         yield Control(
-            "inserted",
+            INSERTED,
             "Length outside the guide",
             "length",
             "mm",
@@ -170,19 +171,12 @@ def _sources(scene: Scene) -> Iterator[Control]:
     way = 1e3 * max(50e-3, scene.length)
     for kind in SOURCES:
         for k, source in enumerate(getattr(scene.field, kind) or ()):
-            name = {"coils": "Coil"}.get(kind, kind.capitalize())
-            for axis, value in zip(AXES, source.position, strict=True):
+            name = f"{kind.removesuffix('s').capitalize()} {k + 1}"
+            for i, value in enumerate(source.position):
+                place = ("field", kind, k, "position", i)
                 at = shown(1e3 * value)
-                yield Control(
-                    f"{kind}.{k}.{axis}",
-                    f"{name} {k + 1}",
-                    axis,
-                    "mm",
-                    at - way,
-                    at + way,
-                    way / 400,
-                    at,
-                )
+                bounds = (at - way, at + way, way / 400)
+                yield Control(written(place), name, AXES[i], "mm", *bounds, at, place)
 
 
 def _directions(scene: Scene) -> Iterator[Control]:
@@ -193,12 +187,10 @@ def _directions(scene: Scene) -> Iterator[Control]:
     for k in scene.magnetized_regions():
         azimuth, elevation = (round(angle, 9) for angle in angles(regions[k].magnetization))
         group = regions[k].name[:1].upper() + regions[k].name[1:]
-        yield Control(
-            f"direction.{k}.azimuth", group, "azimuth", "deg", -180.0, 180.0, 1.0, azimuth
-        )
-        yield Control(
-            f"direction.{k}.elevation", group, "elevation", "deg", -90.0, 90.0, 1.0, elevation
-        )
+        place = ("body", *regions[k].at, "magnetization")
+        for name, most, value in (("azimuth", 180.0, azimuth), ("elevation", 90.0, elevation)):
+            at = written((*place, name))
+            yield Control(at, group, name, "deg", -most, most, 1.0, value, place)
 
 
 def changed(scene: Scene, known: Mapping[str, Control], values: Values) -> Scene:
@@ -207,28 +199,39 @@ def changed(scene: Scene, known: Mapping[str, Control], values: Values) -> Scene
     if not new:
         return scene
     try:
-        return _changed(scene, new)
+        return _changed(scene, known, new)
     except InputError as error:
-        alone = [name for name in new if _refused(scene, {name: new[name]})]
+        alone = [name for name in new if _refused(scene, known, {name: new[name]})]
         raise InputError(
             f"{', '.join(known[name].said(new[name]) for name in alone or new)}\n  {error}"
         ) from error
 
 
-def _refused(scene: Scene, new: Values) -> bool:
+def _refused(scene: Scene, known: Mapping[str, Control], new: Values) -> bool:
     try:
-        _changed(scene, new)
+        _changed(scene, known, new)
     except InputError:
         return True
     return False
 
 
-def _changed(scene: Scene, new: Values) -> Scene:
-    data = scene.to_si()
-    _put_field(data.setdefault("field", {}), scene, new, False)
-    _put_directions(data["body"], scene, new, False)
-    out = Scene.from_si(data)
-    return out.inserted(1e-3 * new["inserted"]) if "inserted" in new else out
+def _changed(scene: Scene, known: Mapping[str, Control], new: Values) -> Scene:
+    out = changed_at(scene, _at_places(known, new))
+    return out.inserted(1e-3 * new[INSERTED]) if INSERTED in new else out
+
+
+def _at_places(known: Mapping[str, Control], new: Values) -> dict[Place, Any]:
+    """What turned sliders write into the scene or its file, with units: numbers, and directions by both of their angles."""
+    found: dict[Place, Any] = {}
+    for name, value in new.items():
+        place = known[name].place
+        if known[name].unit != "deg":
+            found[place] = f"{value:.15g} {known[name].unit}"
+            continue
+        both = [control for control in known.values() if control.place == place]
+        found[place] = {c.label: f"{new.get(c.id, c.value):.15g} deg" for c in both}
+    found.pop((), None)  # the length outside the guide
+    return found
 
 
 def saved(
@@ -246,7 +249,8 @@ def saved(
     new = turned(known, values)
     content = moved_content(source.resolve(), path.parent)
     content["name"] = f"{scene.name} viewed"[:100]
-    content.pop("reference", None) if "inserted" in new else None
+    if INSERTED in new:
+        content.pop("reference", None)
     if (
         scene.effects != load_scene(source).effects
     ):  # `auto`: those that were chosen are what is shown
@@ -255,11 +259,8 @@ def saved(
         mode="json", exclude_none=True, exclude_defaults=True
     )
     content["resolution"] = {**known_resolution, "cells_across": scene.resolution.cells_across}
-    if any(name.startswith(("field.", *SOURCES)) for name in new):
-        content["field"] = dict(content.get("field") or {})
-        _put_field(content["field"], scene, new, True)
-    _put_directions(content["body"], scene, new, True)
-    if "inserted" in new:
+    put(content, _at_places(known, new), scene)
+    if INSERTED in new:
         _put_inserted(content, shown)
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as part:
@@ -268,54 +269,7 @@ def saved(
     return load_scene(path)
 
 
-def _put_field(field: Data, scene: Scene, new: Values, as_text: bool) -> None:
-    """The uniform part and the places of sources, into the data of a field: in SI, or as text with units."""
-
-    def write(value: float, unit: str) -> Any:
-        return f"{value:.15g} {unit}" if as_text else 1e-3 * value
-
-    if any(f"field.{axis}" in new for axis in AXES):
-        own = field.get("uniform", ["0 mT"] * 3 if as_text else scene.field.uniform)
-        field["uniform"] = [
-            write(new[f"field.{a}"], "mT") if f"field.{a}" in new else old
-            for a, old in zip(AXES, own, strict=True)
-        ]
-    for kind in SOURCES:
-        for k in range(len(getattr(scene.field, kind) or ())):
-            names = [f"{kind}.{k}.{axis}" for axis in AXES]
-            if any(name in new for name in names):
-                own = field[kind] if isinstance(field[kind], Mapping) else field[kind][k]
-                place = [
-                    write(new[name], "mm") if name in new else old
-                    for name, old in zip(names, own["position"], strict=True)
-                ]
-                own["position"] = place
-
-
-def _put_directions(body: Data, scene: Scene, new: Values, as_text: bool) -> None:
-    """The directions of regions, of which one angle or both were turned, into the data of a body."""
-    for k, region in enumerate(scene.regions()):
-        names = f"direction.{k}.azimuth", f"direction.{k}.elevation"
-        if not any(name in new for name in names):
-            continue
-        found: Any = body
-        for key in region.at:
-            found = found[key]
-        azimuth, elevation = (
-            new.get(name, round(angle, 9))
-            for name, angle in zip(names, angles(region.magnetization), strict=True)
-        )
-        a = math.radians(azimuth)
-        e = math.radians(elevation)
-        unit = [math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)]
-        found["magnetization"] = (
-            {"azimuth": f"{azimuth:.15g} deg", "elevation": f"{elevation:.15g} deg"}
-            if as_text
-            else unit
-        )
-
-
-def _put_inserted(content: Data, shown: Scene) -> None:
+def _put_inserted(content: dict[str, Any], shown: Scene) -> None:
     """Put the part outside the guide in place of the whole catheter; it is clamped at the exit."""
     catheter = shown.body.catheter
     assert catheter is not None  # only catheters are inserted

@@ -4,7 +4,8 @@ import pytest
 from reference.scenes import X, rod_scene
 
 from magmpm.errors import InputError
-from magmpm.scene.addresses import changed, places, value_at, written
+from magmpm.scene import Scene
+from magmpm.scene.addresses import changed, places, put, say, value_at, written
 
 SCENE = rod_scene(directions=[X, X, X])
 
@@ -58,3 +59,36 @@ def test_a_scene_refuses_what_it_always_refuses() -> None:
         changed(SCENE, {place: "-1 mm"})
     with pytest.raises(InputError, match="diameter"):
         changed(SCENE, {place: "3 kPa"})
+
+
+def test_a_files_content_says_what_a_scene_does_to_the_last_bit() -> None:
+    """Also what it leaves out, and what it gives in another form: by angles, or alone in place of a list."""
+    magnet = {"cylinder": {"diameter": "10 mm", "length": "10 mm"}, "axis": [0, 0, 1]}
+    magnet |= {"position": ["0 mm", "0 mm", "40 mm"], "remanence": "1.2 T"}
+    data = SCENE.to_si()
+    wanted = changed(
+        Scene.from_si({**data, "field": {**data["field"], "magnet": [magnet]}}),
+        {
+            ("field", "uniform", 1): 1e-3 / 3.0,
+            ("field", "magnet", 0, "position", 2): 0.1 / 3.0,
+            ("body", "catheter", "segments", 1, "magnetization"): [1.0, 2.0, 3.0],
+            ("body", "catheter", "diameter"): 0.01 / 3.0,
+        },
+    )
+    content = {**data, "field": {"magnet": magnet}, "name": "from a file"}
+    content["body"]["catheter"]["segments"][1]["magnetization"] = {"azimuth": "30 deg"}
+    content["body"]["catheter"]["segments"][0]["length"] = "5 mm"
+    field = [("field", "uniform", 1), ("field", "magnet", 0, "position", 2)]
+    segments = ("body", "catheter", "segments")
+    shape = [(*segments, 1, "magnetization", 2), (*segments, 0, "length")]
+    say(content, wanted, [*field, *shape, ("body", "catheter", "diameter")])
+    assert "length" not in content["body"]["catheter"]["segments"][0]  # the scene gives it none
+    assert content["field"]["uniform"][0] == "0 mT"
+    again = Scene.from_si(content)
+    assert (again.body, again.field) == (wanted.body, wanted.field)
+
+
+def test_a_value_keeps_its_words() -> None:
+    content = {"field": {"uniform": ["0 mT", "1 G", "2 mT"]}}
+    put(content, {("field", "uniform", 2): "3 mT"}, SCENE)
+    assert content == {"field": {"uniform": ["0 mT", "1 G", "3 mT"]}}

@@ -19,7 +19,7 @@ export class Panel {
       summary.textContent = name;
       group.dataset.group = name;
       group.append(summary);
-      if (members[0].id.startsWith("field.")) this.polar(group, members);
+      if (members[0].id.startsWith("field.uniform")) this.polar(group, members);
       for (const control of members) group.append(this.slider(control, (value) => this.turned(control.id, value)));
       place.append(group);
     }
@@ -68,16 +68,16 @@ export class Panel {
     this.direction[id.slice(6)] = value;
     const { strength, azimuth, elevation } = this.direction, e = elevation * DEGREE, a = azimuth * DEGREE;
     const field = [Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)].map((c) => +(strength * c).toFixed(9));
-    ["x", "y", "z"].forEach((axis, k) => {
-      this.values["field." + axis] = field[k];
-      this.rows["field." + axis].show(field[k]);
+    field.forEach((value, k) => {
+      this.values[`field.uniform[${k}]`] = value;
+      this.rows[`field.uniform[${k}]`].show(value);
     });
     this.changed(this.values);
   }
 
   refreshPolar() {
     if (!this.direction) return;
-    const [x, y, z] = ["x", "y", "z"].map((axis) => this.values["field." + axis]);
+    const [x, y, z] = [0, 1, 2].map((k) => this.values[`field.uniform[${k}]`]);
     const strength = Math.hypot(x, y, z);
     // Without strength the direction is kept for when it comes back.
     this.direction = strength > 0 ? { strength, azimuth: Math.atan2(y, x) / DEGREE, elevation: Math.atan2(z, Math.hypot(x, y)) / DEGREE }
@@ -87,7 +87,7 @@ export class Panel {
 
   turned(id, value) {
     this.values[id] = value;
-    if (id.startsWith("field.")) this.refreshPolar();
+    if (id.startsWith("field.uniform")) this.refreshPolar();
     this.changed(this.values);
   }
 
