@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from magmpm.errors import InputError, in_mm
 from magmpm.fields.magnets import taken
 from magmpm.inputs.csv_tables import CsvLine
 from magmpm.inputs.vectors import Vector
+from magmpm.scene.addresses import Place, changed
 from magmpm.scene.scene import Scene
 from magmpm.scene.variables import variables
 
@@ -43,14 +45,15 @@ class Apparatus:
             return scene
         if self.inserted is not None:
             scene = variables(scene, ["length"])[0].changed(scene, self.inserted - scene.length)
-        data = scene.to_si()
+        values: dict[Place, Any] = {
+            ("field", "coils", coil, "current"): current for coil, current in self.currents
+        }
+        magnet = ("field", "magnet", 0)
         if self.magnet is not None:
-            data["field"]["magnet"][0]["position"] = list(self.magnet)
+            values[*magnet, "position"] = list(self.magnet)
         if self.axis is not None:
-            data["field"]["magnet"][0].update(axis=list(self.axis), magnetization=None)
-        for coil, current in self.currents:
-            data["field"]["coils"][coil]["current"] = current
-        return Scene.from_si(data)
+            values |= {(*magnet, "axis"): list(self.axis), (*magnet, "magnetization"): None}
+        return changed(scene, values)
 
 
 OWN = Apparatus()  # that of the scene

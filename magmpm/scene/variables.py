@@ -8,12 +8,10 @@ difference uses, and what `sensitivities` gives the derivative with respect to.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array
 from magmpm.effects.contact_law import Obstacle, most_friction
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import KINDS as KINDS_OF_QUANTITIES
@@ -29,19 +27,26 @@ ADDRESS = "address"  # kind of what has no other
 class Variable:
     """One number that a design may change.
 
-    kind: the word that requests it; name: of its own; unit: SI. region: index of the segment or part that is turned or made longer;
-    direction (3,): unit tangent toward which the magnetization turns; component: of the field, 0 to 2; material: its name; place: of a
-    number that is named by its address.
+    kind: the word that requests it; name: of its own; unit: SI; place: where the scene has it, of a turn its direction. region: index of
+    the segment or part that is turned or made longer; direction (3,): unit tangent toward which the magnetization turns.
     """
 
     kind: str
     name: str
     unit: str
+    place: Place
     region: int | None = None
     direction: Vector | None = None
-    component: int | None = None
-    material: str | None = None
-    place: Place = ()
+
+    @property
+    def material(self) -> str | None:
+        """Name of the material that it belongs to."""
+        return str(self.place[1]) if self.place[0] == "materials" else None
+
+    @property
+    def component(self) -> int | None:
+        """Number of the field's component, 0 to 2."""
+        return int(self.place[-1]) if self.kind == "field" else None
 
     def changed(self, scene: Scene, amount: float) -> Scene:
         """The scene with this variable larger by an amount (rad, T, Pa, m or kg/m^3); scene: one that has the variable.
@@ -50,8 +55,29 @@ class Variable:
         proportion to the shear modulus. A segment that gets longer makes its body longer; the other segments keep their lengths, and a
         tube its bore. Raises InputError where the changed scene breaks a rule.
         """
-        change = _at_place if self.place else _CHANGES[self.kind]
-        return change(self, scene, float(amount))
+        if self.kind == "length" and self.region is not None:
+            lengths = segment_lengths(scene)
+            lengths[self.region] += amount
+            return changed(scene, of_lengths(scene, lengths))
+        now = value_at(scene, self.place)
+        if isinstance(now, list):
+            turned = math.cos(amount) * np.array(now) + math.sin(amount) * np.array(self.direction)
+            return changed(scene, {self.place: turned.tolist()})
+        return changed(scene, {self.place: now + float(amount)})
+
+
+def segment_lengths(scene: Scene) -> list[float]:
+    """Lengths of a straight body's segments, m, base to tip."""
+    shape = scene.body.shape
+    assert isinstance(shape, StraightBody)
+    return shape.segment_lengths()
+
+
+def of_lengths(scene: Scene, lengths: Sequence[float]) -> dict[Place, float]:
+    """Lengths (k,) m of the body's segments at their places, and their sum at that of the body's."""
+    body = ("body", scene.body.kind)
+    found = {(*body, "segments", k, "length"): float(each) for k, each in enumerate(lengths)}
+    return {**found, (*body, "length"): math.fsum(lengths)}
 
 
 def tangents(direction: Sequence[float]) -> tuple[Vector, Vector]:
@@ -122,7 +148,7 @@ def _at_address(scene: Scene, address: str) -> list[Variable]:
         said = divided(value_at(scene, place, units=True))
         unit = "" if said is None else said[1]
         si = next((kind.si for kind in KINDS_OF_QUANTITIES.values() if unit in kind.plain), "1")
-        numbered = Variable(ADDRESS, name, si if unit else "1", place=place)
+        numbered = Variable(ADDRESS, name, si if unit else "1", place)
         found.append(_with_formula(scene, numbered) or numbered)
     return found
 
@@ -134,9 +160,9 @@ def _with_formula(scene: Scene, variable: Variable) -> Variable | None:
     """
     place = variable.place
     if place[:2] == ("field", "uniform") and not isinstance(_field(scene), str):
-        return replace(variable, kind="field", component=int(place[-1]))
+        return replace(variable, kind="field")
     if place[0] == "materials" and place[2] in ("shear_modulus", "remanence", "density"):
-        return replace(variable, kind=str(place[2]), material=str(place[1]))
+        return replace(variable, kind=str(place[2]))
     if scene.body.shape.magnetized_by_region:
         for k, region in enumerate(scene.regions()):
             if place[:-1] == ("body", *region.at, "magnetization") and any(region.magnetization):
@@ -233,7 +259,12 @@ def _magnetization(scene: Scene) -> _Found:
         return "no region is magnetized; give one a `magnetization`, and its material a `remanence`"
     return [
         Variable(
-            "magnetization", f"{_word(regions[k].name)}_{angle}", "rad", region=k, direction=tangent
+            "magnetization",
+            f"{_word(regions[k].name)}_{angle}",
+            "rad",
+            ("body", *regions[k].at, "magnetization"),
+            k,
+            tangent,
         )
         for k in on
         for angle, tangent in zip(
@@ -248,7 +279,10 @@ def _field(scene: Scene) -> _Found:
     over = scene.field.over_time
     if over is not None and any(frame.uniform is not None for frame in over.frames):
         return "the field's keyframes give its uniform part; write `field.uniform` in their place"
-    return [Variable("field", f"field_{axis}", "T", component=i) for i, axis in enumerate("xyz")]
+    return [
+        Variable("field", f"field_{axis}", "T", ("field", "uniform", i))
+        for i, axis in enumerate("xyz")
+    ]
 
 
 def _of_materials(
@@ -258,7 +292,8 @@ def _of_materials(
         used = dict.fromkeys(region.material_name for region in scene.regions())
         names = [name for name in used if has(scene, name)]
         return [
-            Variable(kind, f"{kind}_{_word(name)}", unit, material=name) for name in names
+            Variable(kind, f"{kind}_{_word(name)}", unit, ("materials", name, kind))
+            for name in names
         ] or otherwise
 
     return made
@@ -275,9 +310,11 @@ def _length(scene: Scene) -> _Found:
     if not isinstance(shape, StraightBody):
         return f"a body of {scene.body.kind} has no length to change; change its meshes"
     if shape.segments is None:
-        return [Variable("length", "length", "m")]
+        return [Variable("length", "length", "m", ("body", scene.body.kind, "length"))]
     return [
-        Variable("length", f"{_word(region.name)}_length", "m", region=k)
+        Variable(
+            "length", f"{_word(region.name)}_length", "m", ("body", *region.at, "length"), region=k
+        )
         for k, region in enumerate(scene.regions())
     ]
 
@@ -285,7 +322,7 @@ def _length(scene: Scene) -> _Found:
 def _diameter(scene: Scene) -> _Found:
     if scene.body.catheter is None:
         return f"a {scene.body.kind} has no diameter; ask for it of a catheter"
-    return [Variable("diameter", "diameter", "m")]
+    return [Variable("diameter", "diameter", "m", ("body", "catheter", "diameter"))]
 
 
 _KINDS: dict[str, Callable[[Scene], _Found]] = {
@@ -308,65 +345,3 @@ _KINDS: dict[str, Callable[[Scene], _Found]] = {
     ),
 }
 KINDS = tuple(_KINDS)
-
-
-# The scene in which a variable is changed.
-
-
-def _turn(variable: Variable, scene: Scene, amount: float) -> Scene:
-    directions: Array = np.array([region.magnetization for region in scene.regions()])
-    assert variable.region is not None
-    d = directions[variable.region]
-    directions[variable.region] = math.cos(amount) * d + math.sin(amount) * np.array(
-        variable.direction
-    )
-    return scene.with_magnetizations(directions)
-
-
-def _strengthen(variable: Variable, scene: Scene, amount: float) -> Scene:
-    uniform = list(scene.field.uniform)
-    uniform[variable.component or 0] += amount
-    return scene.with_field(uniform)
-
-
-def _other_material(variable: Variable, scene: Scene, amount: float) -> Scene:
-    data = scene.to_si()
-    data["materials"][variable.material][variable.kind] += amount
-    return Scene.from_si(data)
-
-
-def _lengthen(variable: Variable, scene: Scene, amount: float) -> Scene:
-    data: dict[str, Any] = {**scene.to_si(), "reference": None}  # it is that of another length
-    body = data["body"][scene.body.kind]
-    shape = scene.body.shape
-    assert isinstance(shape, StraightBody)
-    if variable.region is None:
-        body["length"] += amount
-        return Scene.from_si(data)
-    lengths = shape.segment_lengths()
-    lengths[variable.region] += amount
-    body["length"] = math.fsum(lengths)
-    for segment, length in zip(body["segments"], lengths, strict=True):
-        segment["length"] = length
-    return Scene.from_si(data)
-
-
-def _at_place(variable: Variable, scene: Scene, amount: float) -> Scene:
-    return changed(scene, {variable.place: value_at(scene, variable.place) + amount})
-
-
-def _thicken(variable: Variable, scene: Scene, amount: float) -> Scene:
-    data = scene.to_si()
-    data["body"]["catheter"]["diameter"] += amount
-    return Scene.from_si(data)
-
-
-_CHANGES: dict[str, Callable[[Variable, Scene, float], Scene]] = {
-    "magnetization": _turn,
-    "field": _strengthen,
-    "remanence": _other_material,
-    "shear_modulus": _other_material,
-    "density": _other_material,
-    "length": _lengthen,
-    "diameter": _thicken,
-}
