@@ -41,7 +41,7 @@ class Variable:
     @property
     def material(self) -> str | None:
         """Name of the material that it belongs to."""
-        return str(self.place[1]) if self.place[0] == "materials" else None
+        return str(self.place[1]) if self.place[:1] == ("materials",) else None
 
     @property
     def component(self) -> int | None:

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from magmpm.scene.variables import Variable, tangents, variables
+from magmpm.scene.addresses import Place, changed, value_at
+from magmpm.scene.variables import Variable, of_lengths, segment_lengths, tangents, variables
 
 OF_MATERIALS = ("shear_modulus", "remanence", "density")
 KINDS = (*OF_MATERIALS, "length", "magnetization", "field", "damping", "viscosity")
@@ -46,12 +46,24 @@ SHOWN = {
 class Constant:
     """One number of a scene. start: its value there, SI; of a direction and of a stray field the change, so 0."""
 
-    name: str
-    kind: str
+    variable: Variable
     start: float
-    unit: str
-    variable: Variable | None = None
     known: float | None = None  # standard deviation, in x, of what is known beforehand
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.variable.name
+
+    @property
+    def kind(self) -> str:
+        """The word that requests it."""
+        return self.variable.kind
+
+    @property
+    def unit(self) -> str:
+        """Unit of its value, SI."""
+        return self.variable.unit
 
     @property
     def relative(self) -> bool:
@@ -135,44 +147,42 @@ def _named(scene: Scene, word: str) -> list[Constant]:
 def _made(scene: Scene, kind: str) -> list[Constant] | str:
     """The constants of a kind; where the scene has none: the rule it breaks and the remedy."""
     if kind in LOSSES:
-        effect = getattr(scene.effects, kind, None)
-        key = LOSSES[kind][0]
+        key, unit = LOSSES[kind]
         if scene.solver.dynamic is None:
             return (
                 f"{kind} acts in motion only, and the scene is none; give it `solver: {{dynamic:"
                 " ...}`, and a table with t_ms"
             )
+        effect = getattr(scene.effects, kind, None)
         if effect is None or getattr(effect, key) <= 0:
             return f"the scene names no {kind}; name it with a first guess"
-        return [Constant(kind, kind, float(getattr(effect, key)), LOSSES[kind][1])]
+        return _started(scene, [Variable(kind, kind, unit, ("effects", kind, key))])
     try:
-        found = variables(scene, [kind])
+        found = _started(scene, variables(scene, [kind]))
     except InputError as error:
         lines = str(error).splitlines()
         return f"{lines[1].partition(': ')[2]}; {lines[2].partition(': ')[2]}"
-    if kind == "length":
-        shape = scene.body.shape
-        lengths = (
-            shape.segment_lengths()
-            if isinstance(shape, StraightBody) and found[0].region is not None
-            else [scene.length]
-        )
-        return [
-            Constant(v.name, kind, float(length), v.unit, v)
-            for v, length in zip(found, lengths, strict=True)
-        ]
-    if kind in OF_MATERIALS:
-        starts = {v.name: float(getattr(scene.materials[v.material or ""], kind)) for v in found}
-        if kind == "remanence" and min(starts.values()) <= 0:
-            return "a material has no remanence to start from; give it a first guess"
-        return [Constant(v.name, kind, starts[v.name], v.unit, v) for v in found]
-    return [Constant(v.name, kind, 0.0, v.unit, v) for v in found]
+    if kind == "remanence" and min(constant.start for constant in found) <= 0:
+        return "a material has no remanence to start from; give it a first guess"
+    return found
+
+
+def _started(scene: Scene, found: Sequence[Variable]) -> list[Constant]:
+    """Variables as constants that start at the scene's values; turns and stray fields at zero."""
+    out = []
+    for variable in found:
+        start = 0.0
+        if variable.kind == "length" and variable.region is not None:
+            start = segment_lengths(scene)[variable.region]
+        elif variable.kind not in ("magnetization", "field"):
+            start = value_at(scene, variable.place)
+        out.append(Constant(variable, float(start)))
+    return out
 
 
 def diameter_of(scene: Scene) -> list[Constant]:
     """A catheter's diameter as a constant; none of other bodies."""
-    found = [] if scene.body.catheter is None else variables(scene, [GEOMETRY])
-    return [Constant(v.name, GEOMETRY, float(scene.body.shape.thickness), v.unit, v) for v in found]
+    return [] if scene.body.catheter is None else _started(scene, variables(scene, [GEOMETRY]))
 
 
 def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[Constant, ...]:
@@ -198,78 +208,44 @@ def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[
 
 
 def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
-    """The scene with the constants at x. Raises InputError where a value leaves what a scene allows."""
-    for constant, number in zip(constants, x, strict=True):
-        if constant.kind == "length" and constant.variable is not None:
-            scene = constant.variable.changed(scene, constant.value(number) - constant.start)
-    found = scene
-    if any(constant.kind in (*OF_MATERIALS, *LOSSES, "field") for constant in constants):
-        data = scene.to_si()
-        write(data, scene, constants, x, lambda kind, value: value)
-        found = Scene.from_si(data)
-    turned = directions(scene, constants, x)
-    return found if turned is None else found.with_magnetizations(turned)
+    """The scene with the constants at x. Raises InputError where a value leaves what a scene allows.
 
-
-def write(
-    data: dict[str, Any],
-    scene: Scene,
-    constants: Sequence[Constant],
-    x: Array,
-    written: Callable[[str, float], Any],
-) -> None:
-    """Put the constants at x of materials, losses and the field into a scene's data; written: a value of a kind as the data have it."""
-    uniform = np.array(scene.field.uniform)
+    A direction d with tangents t, u (scene.variables) turns by two numbers a, e: cos e (cos a d + sin a t) + sin e u.
+    """
+    values: dict[Place, Any] = {}
     for constant, number in zip(constants, x.tolist(), strict=True):
         value = constant.value(number)
-        variable = constant.variable
-        if constant.kind in LOSSES:
-            data["effects"][constant.kind][LOSSES[constant.kind][0]] = written(constant.kind, value)
-        elif variable is not None and constant.kind in OF_MATERIALS:
-            data["materials"][variable.material][constant.kind] = written(constant.kind, value)
-        elif variable is not None and constant.kind == "field":
-            uniform[variable.component or 0] += value
-    if any(constant.kind == "field" for constant in constants):
-        data["field"] = {
-            **data.get("field", {}),
-            "uniform": [written("field", part) for part in uniform.tolist()],
-        }
+        if constant.kind == "length":
+            scene = constant.variable.changed(scene, value - constant.start)
+        elif constant.kind == "field":
+            values[constant.variable.place] = value_at(scene, constant.variable.place) + value
+        elif constant.kind != "magnetization":
+            values[constant.variable.place] = value
+    for place, _, a, e, d, t, u in _turned(scene, constants, x):
+        turned = np.cos(e) * (np.cos(a) * d + np.sin(a) * t) + np.sin(e) * u
+        values[place] = turned.tolist()
+    return changed(scene, values)
 
 
-def directions(scene: Scene, constants: Sequence[Constant], x: Array) -> Array | None:
-    """Directions (k, 3) of the regions turned by x; None where no direction varies.
-
-    With d the scene's direction and t, u its tangents (scene.variables): cos e (cos a d + sin a t) + sin e u for the two numbers a, e.
-    """
-    turned = list(_turned(scene, constants, x))
-    if not turned:
-        return None
-    found: Array = np.array([region.magnetization for region in scene.regions()])
-    for region, _, a, e, d, t, u in turned:
-        found[region] = np.cos(e) * (np.cos(a) * d + np.sin(a) * t) + np.sin(e) * u
-    return found
+def places_of(scene: Scene, constants: Sequence[Constant]) -> list[Place]:
+    """The places of a scene that the constants change."""
+    found = dict.fromkeys(constant.variable.place for constant in constants)
+    if any(c.kind == "length" and c.variable.region is not None for c in constants):
+        found |= dict.fromkeys(of_lengths(scene, segment_lengths(scene)))
+    return list(found)
 
 
 def _turned(scene: Scene, constants: Sequence[Constant], x: Array) -> Iterator[tuple[Any, ...]]:
-    """Each region that turns: the numbers of its two turns, the turns a and e (rad), its direction d and the tangents t and u."""
-    start: Array = np.array([region.magnetization for region in scene.regions()])
-    turns: dict[int, list[int | None]] = {}
+    """Each place that turns: the numbers of its two turns, the turns a and e (rad), its direction d, the tangents t and u."""
+    turns: dict[Place, list[int | None]] = {}
     for k, constant in enumerate(constants):
-        if (
-            constant.kind == "magnetization"
-            and constant.variable is not None
-            and constant.variable.region is not None
-        ):
-            pair = turns.setdefault(constant.variable.region, [None, None])
+        if constant.kind == "magnetization":
+            pair = turns.setdefault(constant.variable.place, [None, None])
             pair[0 if constant.name.endswith("_azimuth") else 1] = k
-    for region, pair in turns.items():
-        yield (
-            region,
-            pair,
-            *(0.0 if k is None else float(x[k]) for k in pair),
-            start[region],
-            *np.array(tangents(start[region])),
-        )
+    for place, pair in turns.items():
+        angles = [0.0 if k is None else float(x[k]) for k in pair]
+        d = value_at(scene, place)
+        yield place, pair, *angles, np.array(d), *np.array(tangents(d))
 
 
 def chain(
@@ -284,14 +260,12 @@ def chain(
     for k, constant in enumerate(constants):
         if constant.kind != "magnetization":
             out[place[constant.name], k] = constant.slope(float(x[k]))
-    for region, pair, a, e, d, t, u in _turned(scene, constants, x):
+    for turned, pair, a, e, d, t, u in _turned(scene, constants, x):
         slopes = (
             np.cos(e) * (np.cos(a) * t - np.sin(a) * d),
             np.cos(e) * u - np.sin(e) * (np.cos(a) * d + np.sin(a) * t),
         )
-        for variable, i in (
-            (v, place[v.name]) for v in there if v.kind == "magnetization" and v.region == region
-        ):
+        for variable, i in ((v, place[v.name]) for v in there if v.place == turned):
             for number, slope in zip(pair, slopes, strict=True):
                 if number is not None:
                     out[i, number] = float(np.dot(variable.direction or (0.0, 0.0, 0.0), slope))

@@ -113,7 +113,7 @@ def _plain(constant: Constant) -> str:
     """A constant in words: the soft tube's shear modulus."""
     variable = constant.variable
     words = constant.kind.replace("_", " ")
-    if variable is not None and variable.material is not None:
+    if variable.material is not None:
         return f"the {variable.material}'s {words}"
     return f"the {words}" if constant.name == constant.kind else constant.name.replace("_", " ")
 

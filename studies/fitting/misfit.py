@@ -205,8 +205,8 @@ def _groups(
             ]
         except InputError:
             continue
-        for region in dict.fromkeys(c.variable.region for c in made if c.variable is not None):
-            group = tuple(c for c in made if c.variable is not None and c.variable.region == region)
+        for region in dict.fromkeys(constant.variable.region for constant in made):
+            group = tuple(constant for constant in made if constant.variable.region == region)
             yield name.format("" if region is None else scene.regions()[region].name), group
 
 

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, applied, directions, write
+from magmpm.inputs.quantities import divided
+from magmpm.scene.addresses import put, value_at
+from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, applied, places_of
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.search import Fit, Fitted
 from magmpm.studies.fitting.solve import quantile_of
@@ -157,7 +159,7 @@ def _entry(one: Fitted) -> dict[str, Any]:
         "low": one.low,
         "high": one.high,
     }
-    if c.variable is not None and c.variable.material is not None:
+    if c.variable.material is not None:
         entry["material"] = c.variable.material
     return {
         **entry,
@@ -279,34 +281,23 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
     """The scene's file with the fitted constants, its paths relative to `folder`, and what they are in comments."""
     content = moved_content(source, folder)
     constants = [one.constant for one in found.constants]
-    write(
-        content,
-        found.scene,
-        constants,
-        found.x,
-        lambda kind, value: f"{SHOWN[kind][0] * value:.10g} {SHOWN[kind][1]}",
-    )
-    if any(constant.kind == "length" for constant in constants):
-        shape: Any = applied(found.scene, constants, found.x).body.shape
-        body = content["body"][found.scene.body.kind]
-        body["length"] = f"{1e3 * shape.length:.10g} mm"
-        for segment, length in zip(
-            body.get("segments") or [], shape.segment_lengths(), strict=False
-        ):
-            segment.update(length=f"{1e3 * length:.10g} mm")
-    turned = directions(found.scene, constants, found.x)
-    if turned is not None:
-        for region, direction in zip(found.scene.regions(), turned.tolist(), strict=True):
-            place: Any = content["body"]
-            for key in region.at:
-                place = place[key]
-            place["magnetization"] = [round(part, 9) for part in direction]
+    there = applied(found.scene, constants, found.x)
+    values = {place: value_at(there, place, units=True) for place in places_of(there, constants)}
+    put(content, {place: _short(value) for place, value in values.items()}, there)
     source_names = ", ".join(one.path.name for one in found.measured.each)
     comment = "".join(
         f"# {line}\n"
         for line in (f"Fitted to {source_names} by `magmpm fit`:", *text(found).splitlines()[1:])
     )
     return comment + "\n" + as_yaml(content)
+
+
+def _short(value: Any) -> Any:
+    """A value of a file to ten digits."""
+    if isinstance(value, list):
+        return [_short(each) for each in value]
+    number, unit = divided(value) or (0.0, "")
+    return f"{number:.10g} {unit}" if unit else round(number, 9)
 
 
 def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import pytest
 from magmpm import load_scene, run, sensitivities
 from magmpm.errors import InputError
 from magmpm.scene import Scene
+from magmpm.scene.variables import Variable
 from magmpm.studies.fitting import (
     Refused,
     doubtful_fields,
@@ -23,7 +24,7 @@ from magmpm.studies.fitting import (
     summary,
     text,
 )
-from magmpm.studies.fitting.constants import Constant, applied, constants_of
+from magmpm.studies.fitting.constants import Constant, applied, constants_of, diameter_of
 from magmpm.studies.fitting.identify import _fewer
 from magmpm.studies.fitting.misfit import doubted
 from magmpm.studies.fitting.prediction import Prediction
@@ -373,7 +374,7 @@ def test_modulus_and_remanence_are_not_told_apart_by_tips_in_a_uniform_field(
 def test_constants_that_are_left_to_vary_are_those_that_the_data_tell() -> None:
     """A soft tip that bears nothing: neither its modulus, which moves nothing, nor the remanence, which moves what the modulus does."""
     of = [("soft", "shear_modulus"), ("stiff", "shear_modulus"), ("Br", "remanence")]
-    constants = [Constant(name, kind, 1.0, "") for name, kind in of]
+    constants = [Constant(Variable(kind, name, "", ()), 1.0) for name, kind in of]
     assert (
         _fewer(constants, np.array([[1e-3, 50.0, -50.0], [0.0, 20.0, -20.0]]), 1.96, 2) == "stiff"
     )
@@ -552,3 +553,9 @@ def test_damping_and_modulus_from_a_marker_that_swings(tmp_path: Path) -> None:
     for one, true in zip(found.constants, (0.9 * 120e3, 1.25 * 40.0), strict=True):
         assert abs(one.value - true) < 4 * one.error
         assert one.error < 0.1 * true
+
+
+def test_a_suspected_diameter_changes_the_scene() -> None:
+    """A descent in which it is freed must move what its slopes say moves."""
+    found = applied(SCENE, diameter_of(SCENE), np.array([0.1]))
+    assert found.body.shape.thickness == pytest.approx(SCENE.thickness * math.exp(0.1), rel=1e-15)
