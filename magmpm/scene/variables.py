@@ -76,8 +76,10 @@ def segment_lengths(scene: Scene) -> list[float]:
 def of_lengths(scene: Scene, lengths: Sequence[float]) -> dict[Place, float]:
     """Lengths (k,) m of the body's segments at their places, and their sum at that of the body's."""
     body = ("body", scene.body.kind)
-    found = {(*body, "segments", k, "length"): float(each) for k, each in enumerate(lengths)}
-    return {**found, (*body, "length"): math.fsum(lengths)}
+    found: dict[Place, float] = {(*body, "length"): math.fsum(lengths)}
+    for k, length in enumerate(lengths):
+        found[*body, "segments", k, "length"] = length
+    return found
 
 
 def tangents(direction: Sequence[float]) -> tuple[Vector, Vector]:

@@ -20,7 +20,6 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
 from magmpm.inputs.yaml_document import read_yaml
 from magmpm.results.whole_file import whole_file
-from magmpm.studies.search.scene_edits import Edits
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -88,9 +87,7 @@ def write_best_scene(
         )
     else:
         content["name"] = f"{study.name} best"[:100]
-        space.edit(
-            Edits(study.scene, content), space.embedded(best["params"]), best["params"].get("order")
-        )
+        space.write(content, space.embedded(best["params"]), best["params"].get("order"))
         if study.keyframes:
             _add_schedule(content, study, space, best["params"])
         head = (

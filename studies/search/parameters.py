@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
+from magmpm.scene.addresses import Place
 
 Parameters = Mapping[str, Any]
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -137,7 +138,7 @@ class VariedNumber:
     """A quantity from low to high (SI); embedded as its place between them, 0 to 1.
 
     name: of its parameter, which is in the unit that the name ends with, `unit` of which are an SI unit. what: length, diameter,
-    remanence or shear_modulus; of: the number of a segment from 0, or a material's name; None for the whole body.
+    remanence or shear_modulus; place: in the scene; segment: whose number it is, from 0, or None.
     """
 
     name: str
@@ -145,7 +146,8 @@ class VariedNumber:
     low: float
     high: float
     unit: float
-    of: int | str | None = None
+    place: Place = ()
+    segment: int | None = None
     size = 1
 
     def bounds(self) -> dict[str, tuple[float, float]]:

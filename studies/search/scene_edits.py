@@ -1,9 +1,9 @@
-"""A scene with some of its values changed: its data are edited once, and read as a file's are."""
+"""What a study varies beyond directions and fields: numbers within bounds at their places, and the order of segments."""
 
 from __future__ import annotations
 
 import itertools
-import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -16,85 +16,23 @@ from magmpm.studies.problem.variables import Vary
 from magmpm.studies.search.parameters import VariedNumber
 
 MOST_ORDERS = 1000
-UNITS = {
-    "length": (1e3, "mm"),
-    "diameter": (1e3, "mm"),
-    "remanence": (1e3, "mT"),
-    "field": (1e3, "mT"),
-    "shear_modulus": (1e-3, "kPa"),
-}
 
 
-class Edits:
-    """Changes to a scene's data: its own (SI), or, where `content` is given, those of its file, with units as text."""
-
-    def __init__(self, scene: Scene, content: dict[str, Any] | None = None) -> None:
-        self.data = scene.to_si() if content is None else content
-        self._as_text = content is not None
-        self._body = self.data["body"][scene.body.kind]
-
-    def _written(self, what: str, value: float) -> Any:
-        """A value, SI, as the data have it: text has 15 digits, which are the value to rounding."""
-        factor, unit = UNITS[what]
-        return f"{factor * value:.15g} {unit}" if self._as_text else value
-
-    def segment(self, index: int) -> dict[str, Any]:
-        """The data of the segment with this number, from 0."""
-        found: dict[str, Any] = self._body["segments"][index]
-        return found
-
-    @staticmethod
-    def material_name(scene: Scene, number: VariedNumber) -> str:
-        """The name of the material that a number belongs to; a segment's own is named after it."""
-        if isinstance(number.of, str):
-            return number.of
-        assert number.of is not None
-        return scene.regions()[number.of].material_name + _ending(number.of)
-
-    def number(self, number: VariedNumber, value: float) -> None:
-        """A diameter, or a quantity of a material, SI. A segment gets a material of its own where it needs one."""
-        if number.what == "diameter":
-            self._body["diameter"] = self._written("diameter", value)
-            return
-        name = number.of
-        if isinstance(name, int):
-            segment = self.segment(name)
-            old = segment.get("material") or self._body["material"]
-            name = old if old.endswith(_ending(name)) else old + _ending(name)
-            self.data["materials"].setdefault(name, dict(self.data["materials"][old]))
-            segment["material"] = name
-        self.data["materials"][name][number.what] = self._written(number.what, value)
-
-    def lengths(self, lengths: Array, *, keep: bool) -> None:
-        """Lengths (k,) m of the segments; keep: they sum to the body's length to rounding, and leave it as it is."""
-        for segment, length in zip(self._body["segments"], lengths.tolist(), strict=True):
-            segment["length"] = self._written("length", length)
-        if keep:
-            del self._body["segments"][int(np.argmax(lengths))][
-                "length"
-            ]  # it takes the rest, to the last bit
-        else:
-            self._body["length"] = self._written("length", math.fsum(lengths.tolist()))
-
-    def field(self, uniform: Array) -> None:
-        """The uniform part of the field, (3,) T."""
-        self.data["field"] = {
-            **self.data.get("field", {}),
-            "uniform": [self._written("field", x) for x in uniform.tolist()],
-        }
-
-    def order(self, pieces: NDArray[np.int64]) -> None:
-        """The segments in this order, by their numbers in the scene."""
-        self._body["segments"] = [self._body["segments"][piece] for piece in pieces]
-
-    def scene(self) -> Scene:
-        """The scene. Raises InputError for values that no scene has."""
-        return Scene.from_si(self.data)
+def with_own_materials(data: dict[str, Any], scene: Scene, numbers: Sequence[VariedNumber]) -> None:
+    """Give each segment that has a number of a material to itself a material of its own, in a scene's data or the content of its file."""
+    body = data["body"][scene.body.kind]
+    for number in numbers:
+        if number.segment is not None and number.place[0] == "materials":
+            segment = body["segments"][number.segment]
+            old = segment.get("material") or body["material"]
+            segment["material"] = number.place[1]
+            data["materials"].setdefault(number.place[1], dict(data["materials"][old]))
 
 
-def _ending(segment: int) -> str:
-    """Ending of the name of a segment's own material."""
-    return f" of segment {segment + 1}"
+def _own(material: str, segment: int) -> str:
+    """Name of a segment's own material."""
+    ending = f" of segment {segment + 1}"
+    return material.removesuffix(ending) + ending
 
 
 def segment_names(scene: Scene) -> list[str]:
@@ -107,35 +45,32 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
     """The numbers within bounds that a study varies: lengths, diameter, remanence, stiffness."""
     found: list[VariedNumber] = []
     regions = scene.regions()
-    magnetized = scene.magnetized_regions()
     names = segment_names(scene)
     if vary.length is not None:
-        low = vary.length.min
-        high = vary.length.max
+        ends = (vary.length.min, vary.length.max, 1e3)
         found += [
-            VariedNumber(f"{name}_length_mm", "length", low, high, 1e3, i)
-            for i, name in enumerate(names)
+            VariedNumber(f"{name}_length_mm", "length", *ends, ("body", *region.at, "length"), i)
+            for i, (name, region) in enumerate(zip(names, regions, strict=True))
         ]
     if vary.diameter is not None:
-        found.append(
-            VariedNumber("diameter_mm", "diameter", vary.diameter.min, vary.diameter.max, 1e3)
-        )
-    for what, given, of in (
-        ("remanence", vary.remanence, magnetized),
-        ("shear_modulus", vary.shear_modulus, range(len(regions))),
+        ends = (vary.diameter.min, vary.diameter.max, 1e3)
+        place = ("body", scene.body.kind, "diameter")
+        found.append(VariedNumber("diameter_mm", "diameter", *ends, place))
+    for what, given, of, factor, unit in (
+        ("remanence", vary.remanence, scene.magnetized_regions(), 1e3, "mT"),
+        ("shear_modulus", vary.shear_modulus, range(len(regions)), 1e-3, "kPa"),
     ):
-        if given is not None:
-            factor, unit = UNITS[what]
-            used = dict.fromkeys(regions[i].material_name for i in of)
-            called = (
-                {f"{names[i]}_{what}": i for i in of}
-                if given.per == "segment"
-                else {f"{what}_of_{name}": name for name in used}
-            )
-            found += [
-                VariedNumber(f"{name}_{unit}", what, given.min, given.max, factor, whose)
-                for name, whose in called.items()
-            ]
+        if given is None:
+            continue
+        ends = (given.min, given.max, factor)
+        if given.per == "segment":
+            for i in of:
+                place = ("materials", _own(regions[i].material_name, i), what)
+                found.append(VariedNumber(f"{names[i]}_{what}_{unit}", what, *ends, place, i))
+        else:
+            for name in dict.fromkeys(regions[i].material_name for i in of):
+                place = ("materials", name, what)
+                found.append(VariedNumber(f"{what}_of_{name}_{unit}", what, *ends, place))
     return tuple(found)
 
 

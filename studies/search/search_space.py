@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
+from magmpm.scene.addresses import Place, put, say
+from magmpm.scene.variables import of_lengths
 from magmpm.studies.search.parameters import (
     FIELD,
     Block,
@@ -38,12 +40,12 @@ from magmpm.studies.search.parameters import (
     from_azimuth,
 )
 from magmpm.studies.search.scene_edits import (
-    Edits,
     arrangement,
     kept_total,
     numbers_of,
     orders,
     segment_names,
+    with_own_materials,
 )
 
 if TYPE_CHECKING:
@@ -278,30 +280,47 @@ class SearchSpace:
 
     def scene_at(self, x: Array, order: str | None = None, field: int = -1) -> Scene:
         """The scene of embedded coordinates (size,). Raises InputError for values that no scene has."""
-        edits = Edits(self.scene)
-        self.edit(edits, x, order, field)
-        return edits.scene()
+        data = self.scene.to_si()
+        with_own_materials(data, self.scene, self.numbers_within)
+        put(data, self.values(x, field), self.scene)
+        self._put_in_order(data, order)
+        return Scene.from_si(data)
 
-    def edit(self, edits: Edits, x: Array, order: str | None = None, field: int = -1) -> None:
-        """Write a design, by its embedded coordinates (size,), into a scene's data."""
-        lengths = {}
+    def write(self, content: dict[str, Any], x: Array, order: str | None = None) -> None:
+        """Write a design, by its embedded coordinates (size,), into the content of the scene's file, with units."""
+        with_own_materials(content, self.scene, self.numbers_within)
+        say(content, self.scene_at(x), self.values(x))
+        self._put_in_order(content, order)
+
+    def values(self, x: Array, field: int = -1) -> dict[Place, Any]:
+        """What embedded coordinates (size,) write into the scene, SI, by their places; the order of segments apart."""
         x = self.made(x)
-        fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
+        found: dict[Place, Any] = {}
+        regions = self.scene.regions()
         for block, at in self.parts:
             if isinstance(block, SegmentDirection):
-                edits.segment(block.segment)["magnetization"] = x[at].tolist()
-            elif isinstance(block, VariedNumber) and block.what == "length":
-                lengths[block.of] = block.value(x[at])
+                found["body", *regions[block.segment].at, "magnetization"] = x[at].tolist()
             elif isinstance(block, VariedNumber):
-                edits.number(block, block.value(x[at]))
-        if lengths:
-            edits.lengths(
-                self._lengths(np.array(list(lengths.values())))[0], keep=self.keeps_length
-            )
+                found[block.place] = block.value(x[at])
+        fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
         if fields:
-            edits.field(x[fields[field]])
+            found["field", "uniform"] = x[fields[field]].tolist()
+        requested = [found[n.place] for n in self.numbers_within if n.what == "length"]
+        if requested:
+            lengths = self._lengths(np.array(requested))[0]
+            found |= of_lengths(self.scene, lengths.tolist())
+            if self.keeps_length:
+                body = ("body", self.scene.body.kind)
+                found[*body, "length"] = self.scene.length
+                longest = int(np.argmax(lengths))
+                found[*body, "segments", longest, "length"] = None  # the rest, to the last bit
+        return found
+
+    def _put_in_order(self, data: dict[str, Any], order: str | None) -> None:
+        """Put the segments of the scene's data, or of its file's content, in an order."""
         if order is not None:
-            edits.order(arrangement(self.scene, order))
+            body = data["body"][self.scene.body.kind]
+            body["segments"] = [body["segments"][k] for k in arrangement(self.scene, order)]
 
     def _lengths(self, requested: Array) -> tuple[Array, Array]:
         """Lengths (k,) m of the segments for those requested, and their derivatives (k, k); of the body's length in all if that is kept."""
@@ -370,19 +389,10 @@ class SearchSpace:
         the gradient on the sphere: they have no part along the direction.
         """
         found = np.zeros((len(variables), self.size))
-        rows: dict[
-            tuple[str, int | str | None], list[int]
-        ] = {}  # of the Jacobian: by kind, and by segment or material
+        rows: dict[Place, list[int]] = {}  # of the Jacobian: by place, of a segment by its number
         for row, variable in enumerate(variables):
-            where = {
-                "magnetization": "region",
-                "length": "region",
-                "remanence": "material",
-                "shear_modulus": "material",
-            }.get(variable.kind)
-            rows.setdefault(
-                (variable.kind, None if where is None else getattr(variable, where)), []
-            ).append(row)
+            segment = (variable.kind, variable.region) if variable.region is not None else None
+            rows.setdefault(segment or variable.place, []).append(row)
         count = len(self.scene.regions())
         places: NDArray[np.int64] = (
             np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
@@ -397,21 +407,17 @@ class SearchSpace:
                 ):  # none where the remanence is zero
                     found[row, at] = variables[row].direction
             elif isinstance(block, VariedNumber) and block.what != "length":
-                name = Edits.material_name(self.scene, block) if block.what != "diameter" else None
-                for row in rows.get((block.what, name), ()):
+                for row in rows.get(block.place, ()):
                     found[row, at] = block.high - block.low
-        if fields:
-            for row, column in zip(
-                rows["field", None], range(fields[field].start, fields[field].stop), strict=True
-            ):
-                found[row, column] = 1.0
+        for i in range(3 if fields else 0):
+            found[rows["field", "uniform", i], fields[field].start + i] = 1.0
         moved = (
             self._lengths(np.array([number.value(x[at]) for number, at in lengths]))[1]
             if lengths
             else np.zeros((0, 0))
         )
         for i, (number, _) in enumerate(lengths):
-            for row in rows["length", int(places[number.of])]:  # type: ignore[index]
+            for row in rows["length", int(places[number.segment or 0])]:
                 for j, (other, at) in enumerate(lengths):
                     found[row, at] = (other.high - other.low) * moved[i, j]
         if self.limits is not None:
