@@ -6,15 +6,13 @@ bend, and goal and bounds are divided by their first slopes: so the first step, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from optuna.distributions import FloatDistribution
 from scipy.optimize import minimize
 
 from magmpm.compiled.arrays import Array
-from magmpm.studies.goals.knobs import Knob
 
 Slopes = tuple[
     Array, Array
@@ -23,26 +21,6 @@ Slopes = tuple[
 
 class Enough(Exception):
     """Sign that as many trials were run as were asked for."""
-
-
-class _Ranges:
-    """A trial that notes which numbers are asked for."""
-
-    def __init__(self) -> None:
-        self.found: dict[str, FloatDistribution] = {}
-
-    def suggest_float(self, name: str, low: float, high: float, **more: Any) -> float:
-        self.found[name] = FloatDistribution(low, high, log=bool(more.get("log")))
-        return low
-
-
-def spaces(knobs: Sequence[Knob]) -> dict[str, FloatDistribution]:
-    """Range of each parameter of knobs that turn without steps."""
-    noted: Any = _Ranges()  # as a trial
-    for knob in knobs:
-        knob.suggested(noted)
-    found: dict[str, FloatDistribution] = noted.found
-    return found
 
 
 def descend(
@@ -58,8 +36,8 @@ def descend(
     widths of the ranges, too.
     """
     names = list(ranges)
-    low = np.array([ranges[name].low for name in names])
-    unit = (np.array([ranges[name].high for name in names]) - low) / units
+    low = np.array([each.low for each in ranges.values()])
+    unit = (np.array([each.high for each in ranges.values()]) - low) / units
     middle = low + 0.5 * units * unit
     first = np.array([begun.get(name, m) for name, m in zip(names, middle, strict=True)])
     widths = dict(zip(names, (units * unit).tolist(), strict=True))

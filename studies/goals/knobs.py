@@ -18,7 +18,7 @@ from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.studies.goals.goal_file import FreeDirection, VaryAnything, VaryNumber
 
 if TYPE_CHECKING:
-    from optuna.trial import BaseTrial
+    from optuna.distributions import BaseDistribution
 
 Values = Mapping[str, Any]
 
@@ -36,8 +36,12 @@ class Knob(ABC):
         return True
 
     @abstractmethod
-    def suggested(self, trial: BaseTrial | Given) -> dict[Place, Any]:
-        """Return what a trial writes at the places."""
+    def distributions(self) -> dict[str, BaseDistribution]:
+        """Its parameters as Optuna asks for them."""
+
+    @abstractmethod
+    def at(self, params: Values) -> dict[Place, Any]:
+        """Values that parameters, which may be a step beyond their bounds, write at the places."""
 
     def own(self, scene: Scene) -> dict[str, Any]:
         """Parameters that give the scene's own value; {} where none can."""
@@ -63,17 +67,16 @@ class Bounded(Knob):
     def smooth(self) -> bool:
         return not self.whole
 
-    def at(self, value: float) -> dict[Place, Any]:
-        """The places with a value in the unit."""
-        text = f"{value!r} {self.unit}" if self.unit else value
-        return dict.fromkeys(self.places, text)
+    def distributions(self) -> dict[str, BaseDistribution]:
+        from optuna.distributions import FloatDistribution, IntDistribution
 
-    def suggested(self, trial: BaseTrial | Given) -> dict[Place, Any]:
         if self.whole:
-            return self.at(
-                trial.suggest_int(self.name, int(self.low), int(self.high), log=self.log)
-            )
-        return self.at(trial.suggest_float(self.name, self.low, self.high, log=self.log))
+            return {self.name: IntDistribution(int(self.low), int(self.high), log=self.log)}
+        return {self.name: FloatDistribution(self.low, self.high, log=self.log)}
+
+    def at(self, params: Values) -> dict[Place, Any]:
+        value = int(params[self.name]) if self.whole else float(params[self.name])
+        return dict.fromkeys(self.places, f"{value!r} {self.unit}" if self.unit else value)
 
     def own(self, scene: Scene) -> dict[str, Any]:
         now = value_at(scene, self.places[0])
@@ -101,19 +104,24 @@ class Choice(Knob):
     def smooth(self) -> bool:
         return False
 
-    def suggested(self, trial: BaseTrial | Given) -> dict[Place, Any]:
-        shown = [
-            value if isinstance(value, (str, int, float)) else repr(value) for value in self.values
-        ]
-        chosen: Any = trial.suggest_categorical(self.name, shown)
-        return dict.fromkeys(self.places, self.values[shown.index(chosen)])
+    @property
+    def _shown(self) -> dict[Any, Any]:
+        """The values by what stands for each."""
+        return {v if isinstance(v, (str, int, float)) else repr(v): v for v in self.values}
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        from optuna.distributions import CategoricalDistribution
+
+        return {self.name: CategoricalDistribution(tuple(self._shown))}
+
+    def at(self, params: Values) -> dict[Place, Any]:
+        return dict.fromkeys(self.places, self._shown[params[self.name]])
 
     def own(self, scene: Scene) -> dict[str, Any]:
         now = value_at(scene, self.places[0])
-        for value in self.values:
-            same = value_at(changed(scene, {self.places[0]: value}), self.places[0])
-            if same == now:
-                return {self.name: value if isinstance(value, (str, int, float)) else repr(value)}
+        for shown, value in self._shown.items():
+            if value_at(changed(scene, {self.places[0]: value}), self.places[0]) == now:
+                return {self.name: shown}
         return {}
 
 
@@ -162,12 +170,20 @@ class Turning(Knob):
     def _length(self) -> str:
         return f"{self.name} length ({self.unit})" if self.unit else f"{self.name} length"
 
-    def suggested(self, trial: BaseTrial | Given) -> dict[Place, Any]:
+    def distributions(self) -> dict[str, BaseDistribution]:
+        from optuna.distributions import FloatDistribution
+
         bounds = [(self.middle - self.turn, self.middle + self.turn), (-90.0, 90.0)]
-        angles = [
-            math.radians(trial.suggest_float(name, low, high))
+        found: dict[str, BaseDistribution] = {
+            name: FloatDistribution(low, high)
             for name, (low, high) in zip(self._names(), bounds, strict=False)
-        ]
+        }
+        if self.longest is not None:
+            found[self._length] = FloatDistribution(0.0, self.longest)
+        return found
+
+    def at(self, params: Values) -> dict[Place, Any]:
+        angles = [math.radians(params[name]) for name in self._names()]
         if self.across is not None:
             first, second = self._frame()
             d = (math.cos(angles[0]) * first + math.sin(angles[0]) * second).tolist()
@@ -175,9 +191,7 @@ class Turning(Knob):
             azimuth, elevation = angles
             level = math.cos(elevation)
             d = [level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)]
-        length = 1.0
-        if self.longest is not None:
-            length = trial.suggest_float(self._length, 0.0, self.longest)
+        length = 1.0 if self.longest is None else params[self._length]
         share = 2.0 * math.pi / len(self.places)
         found: dict[Place, Any] = {}
         for k, place in enumerate(self.places):
@@ -341,7 +355,7 @@ def _range(
     )
     knob = Bounded(name, group, low, high, unit, 1.0, number.log, whole)
     accepted = [
-        _accepted(scene, knob.at(int(end) if whole else end), f"{at}.{key}", getattr(number, key))
+        _accepted(scene, knob.at({name: end}), f"{at}.{key}", getattr(number, key))
         for key, end in (("min", low), ("max", high))
     ]
     most = max((abs(low), 0), (abs(high), 1))  # the larger end tells the unit best
@@ -364,28 +378,14 @@ def _accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) ->
         ) from None
 
 
-class Given:
-    """Parameters that are given, in place of a trial's; they may be a step beyond their bounds."""
-
-    def __init__(self, params: Mapping[str, Any]) -> None:
-        self.params = params
-
-    def suggest_float(self, name: str, *_: object, **__: object) -> float:
-        """The number of this name."""
-        return float(self.params[name])
-
-    def suggest_int(self, name: str, *_: object, **__: object) -> int:
-        """The whole number of this name."""
-        return int(self.params[name])
-
-    def suggest_categorical(self, name: str, *_: object) -> Any:
-        """The choice of this name."""
-        return self.params[name]
+def distributions(turned: Sequence[Knob]) -> dict[str, BaseDistribution]:
+    """All parameters as Optuna asks for them."""
+    return {name: one for knob in turned for name, one in knob.distributions().items()}
 
 
-def made(scene: Scene, turned: Sequence[Knob], trial: BaseTrial | Given) -> Scene:
-    """The scene of a trial. Raises InputError where its values together break a rule of the scene."""
+def made(scene: Scene, turned: Sequence[Knob], params: Values) -> Scene:
+    """The scene of a trial's parameters. Raises InputError where its values together break a rule of the scene."""
     values: dict[Place, Any] = {}
     for knob in turned:
-        values |= knob.suggested(trial)
+        values |= knob.at(params)
     return changed(scene, values)

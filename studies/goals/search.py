@@ -26,10 +26,10 @@ from magmpm.scene import Scene
 from magmpm.studies.engine.storage_url import shown_url, storage_url
 from magmpm.studies.goals import evaluate
 from magmpm.studies.goals.answer import Answer
-from magmpm.studies.goals.descend import Enough, Slopes, descend, spaces
+from magmpm.studies.goals.descend import Enough, Slopes, descend
 from magmpm.studies.goals.goal_file import SLSQP
 from magmpm.studies.goals.goal_study import GoalStudy
-from magmpm.studies.goals.knobs import Given, made
+from magmpm.studies.goals.knobs import distributions, made
 from magmpm.studies.goals.report import REPORT, GoalReport
 from magmpm.studies.goals.slopes import values_and_slopes
 
@@ -205,8 +205,9 @@ class _Seeking:
 
         if self.known.user_attrs.get(CONVERGED):
             return
+        ranges: Any = distributions(self.study.knobs)  # all of them are smooth
         with suppress(Enough):
-            descend(spaces(self.study.knobs), begun, tried, steps=count)
+            descend(ranges, begun, tried, steps=count)
             self.known.set_user_attr(CONVERGED, True)
 
     def _rows(self, found: dict[str, tuple[float, Array]]) -> Slopes:
@@ -241,7 +242,7 @@ class _Seeking:
         trial, job = begun
         try:
             found = values_and_slopes(
-                lambda some: made(self.study.scene, self.study.knobs, Given(some)),
+                lambda some: made(self.study.scene, self.study.knobs, some),
                 [place for knob in self.study.knobs for place in knob.places],
                 params,
                 ranges,
@@ -263,10 +264,10 @@ class _Seeking:
             if t.state.name != "WAITING"
         )
         self.known.sampler = sampler(self.study, self.workers, designs)
-        trial = self.known.ask()
+        trial = self.known.ask(distributions(self.study.knobs))
         folder = self.out / f"trial_{trial.number}"
         try:
-            scene = made(self.study.scene, self.study.knobs, trial)
+            scene = made(self.study.scene, self.study.knobs, trial.params)
         except InputError as error:
             self._told(trial, {WHY: evaluate.reason(error)})
             return None
@@ -493,7 +494,7 @@ class _Seeking:
                 name: _moved(value, spaces[name], nearness * random.choice([-1.0, 1.0]))
                 for name, value in best["params"].items()
             }
-            scene = made(self.study.scene, self.study.knobs, Given(params))
+            scene = made(self.study.scene, self.study.knobs, params)
             near = self.out / f"near_{k}"
             job = evaluate.Job(scene.to_si(), near, self.study.measures, self.study.path.parent)
             outcomes.append(

@@ -11,7 +11,6 @@ import pytest
 from goal_study import SCENE, STUDY, plain, searched, written
 from jsonschema import Draft202012Validator
 from optuna.distributions import FloatDistribution
-from optuna.trial import FixedTrial
 from reference.moving import block, moving_scene
 
 import magmpm
@@ -22,10 +21,9 @@ from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.goals.answer import Answer
-from magmpm.studies.goals.descend import spaces
 from magmpm.studies.goals.goal_file import SCHEMA, GoalFile
 from magmpm.studies.goals.goal_study import load_goal
-from magmpm.studies.goals.knobs import made
+from magmpm.studies.goals.knobs import distributions, made
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.report import GoalReport, spread
 from magmpm.studies.goals.slopes import values_and_slopes
@@ -239,7 +237,7 @@ def test_a_function_that_fails_is_a_failed_trial(tmp_path: Path, body: str, told
 def scene_of(study: str, scene: str, folder: Path, params: dict[str, float]) -> Scene:
     """The scene that a study makes of these parameters."""
     found = load_goal(written(folder, study, scene))
-    return made(found.scene, found.knobs, FixedTrial(params))
+    return made(found.scene, found.knobs, params)
 
 
 def test_a_vector_within_a_length_and_in_a_plane(tmp_path: Path) -> None:
@@ -252,9 +250,7 @@ def test_a_vector_within_a_length_and_in_a_plane(tmp_path: Path) -> None:
     found = scene_of(study, SCENE, tmp_path, {angle: 30.0, length: 4.0})
     assert found.field.uniform == pytest.approx([2e-3 * 3**0.5, 0.0, 2e-3], abs=1e-15)
     (knob,) = load_goal(tmp_path / "study.yaml").knobs
-    trial = FixedTrial({angle: 90.0, length: 4.0})
-    knob.suggested(trial)
-    space = trial.distributions[angle]
+    space = knob.distributions()[angle]
     assert isinstance(space, FloatDistribution)
     assert (space.low, space.high) == pytest.approx((30.0, 150.0))
     begun = knob.begun(load_goal(tmp_path / "study.yaml").scene)
@@ -304,10 +300,11 @@ def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
     for knob in found.knobs:
         params |= knob.begun(found.scene)
     params = {name: value + 0.01 * abs(value) for name, value in params.items()}
-    ranges = {name: one.high - one.low for name, one in spaces(found.knobs).items()}
+    spaces: Any = distributions(found.knobs)
+    ranges = {name: one.high - one.low for name, one in spaces.items()}
 
     def scene_at(values: dict[str, float]) -> Scene:
-        return made(found.scene, found.knobs, FixedTrial(values))
+        return made(found.scene, found.knobs, values)
 
     places = [place for knob in found.knobs for place in knob.places]
     given = values_and_slopes(scene_at, places, params, ranges, found.measures, tmp_path)
@@ -365,7 +362,7 @@ def test_without_a_sampler_it_goes_along_derivatives(tmp_path: Path) -> None:
     study = load_goal(tmp_path / "own/study.yaml")
     for trial in kept.trials[-2:]:
         if trial.values is not None:
-            there = run(made(study.scene, study.knobs, FixedTrial(trial.params))).tip
+            there = run(made(study.scene, study.knobs, trial.params)).tip
             assert there is not None
             expected = 0.6 * there[1] + 0.8 * there[2]
             assert trial.values == [pytest.approx(expected, rel=1e-6)]
