@@ -1,7 +1,7 @@
 """Vectors in scene files: three numbers, three quantities, or a direction by two angles."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -10,6 +10,18 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 from magmpm.inputs.settings import Angle, Quantity, Settings, fault
 
 Vector = tuple[float, float, float]
+
+
+def from_angles(azimuth: float, elevation: float) -> Vector:
+    """The unit vector of two angles, rad: (cos e cos a, cos e sin a, sin e)."""
+    level = math.cos(elevation)
+    return level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)
+
+
+def angles_of(vector: Sequence[float]) -> tuple[float, float]:
+    """Azimuth and elevation, degrees, of a vector; zeros of zeros."""
+    x, y, z = vector
+    return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
 
 
 def three(write: str) -> BeforeValidator:
@@ -31,9 +43,7 @@ def _unit_vector(value: Any) -> Vector:
     Components below 1e-15 are rounding of angles and become zero. A unit vector stays as it is: a scene read back is the same bit for bit.
     """
     if isinstance(value, Angles):
-        cos_e = math.cos(value.elevation)
-        sin_e = math.sin(value.elevation)
-        value = (cos_e * math.cos(value.azimuth), cos_e * math.sin(value.azimuth), sin_e)
+        value = from_angles(value.azimuth, value.elevation)
     largest = max(abs(x) for x in value)
     if largest == 0.0:
         return (0.0, 0.0, 0.0)

@@ -1,6 +1,5 @@
 """Columns that say how the apparatus stood when a row was read: a magnet's place and direction, coil currents, the inserted length."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,7 +11,7 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.errors import InputError, in_mm
 from magmpm.fields.magnets import taken
 from magmpm.inputs.csv_tables import CsvLine
-from magmpm.inputs.vectors import Vector
+from magmpm.inputs.vectors import Vector, from_angles
 from magmpm.scene.addresses import Place, changed
 from magmpm.scene.scene import Scene
 from magmpm.scene.variables import variables
@@ -122,7 +121,7 @@ def apparatus_of(line: CsvLine, values: Mapping[str, float], scene: Scene) -> Ap
             )
     elif any(name in values for name in _ANGLES):
         a, e = (values.get(name, 0.0) for name in _ANGLES)
-        axis = (math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e))
+        axis = from_angles(a, e)
     names = ("current",) if "current" in values else _CURRENTS
     currents = tuple((k, values[name]) for k, name in enumerate(names) if name in values)
     found = Apparatus(magnet, axis, currents, values.get("inserted"))

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import divided
+from magmpm.inputs.vectors import angles_of, from_angles
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.studies.goals.goal_file import FreeDirection, VaryAnything, VaryNumber
@@ -152,15 +153,12 @@ class Turning(Knob):
 
     def angles(self, vector: Sequence[float]) -> list[float] | None:
         """Angles of a vector, degrees; None for one that is out of the plane."""
-        x, y, z = vector
         if self.across is None:
-            found = [math.atan2(y, x), math.atan2(z, math.hypot(x, y))]
-        else:
-            if abs(np.dot(self.across, vector)) > 1e-9 * math.hypot(x, y, z):
-                return None
-            first, second = self._frame()
-            found = [math.atan2(second @ vector, first @ vector)]
-        return [math.degrees(angle) for angle in found]
+            return list(angles_of(vector))
+        if abs(np.dot(self.across, vector)) > 1e-9 * math.hypot(*vector):
+            return None
+        first, second = self._frame()
+        return [math.degrees(math.atan2(second @ vector, first @ vector))]
 
     def _names(self) -> list[str]:
         angles = ["angle"] if self.across is not None else ["azimuth", "elevation"]
@@ -188,9 +186,7 @@ class Turning(Knob):
             first, second = self._frame()
             d = (math.cos(angles[0]) * first + math.sin(angles[0]) * second).tolist()
         else:
-            azimuth, elevation = angles
-            level = math.cos(elevation)
-            d = [level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)]
+            d = from_angles(*angles)
         length = 1.0 if self.longest is None else params[self._length]
         share = 2.0 * math.pi / len(self.places)
         found: dict[Place, Any] = {}

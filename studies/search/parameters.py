@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
+from magmpm.inputs.vectors import from_angles
 from magmpm.scene.addresses import Place
 
 Parameters = Mapping[str, Any]
@@ -26,15 +27,19 @@ FIELD = ("field_mT", "field_azimuth_deg", "field_elevation_deg")
 
 def direction(around: float, along: float) -> Array:
     """Unit vector (3,) in the undeformed body, axis +x; angles in degrees."""
-    a = np.deg2rad(around)
-    b = np.deg2rad(along)
-    return np.array([np.sin(b), np.cos(b) * np.cos(a), np.cos(b) * np.sin(a)])
+    y, z, x = from_angles(math.radians(around), math.radians(along))
+    return np.array([x, y, z])
 
 
 def angles(vector: Array) -> tuple[float, float]:
     """(around, along) in degrees of a direction (3,): the inverse of `direction`."""
-    x, y, z = np.asarray(vector, dtype=float) / np.linalg.norm(vector)
-    return float(np.rad2deg(np.arctan2(z, y))), float(np.rad2deg(np.arctan2(x, np.hypot(y, z))))
+    return azimuth_of(np.roll(vector / np.linalg.norm(vector), -1))
+
+
+def azimuth_of(vector: Array) -> tuple[float, float]:
+    """Azimuth and elevation, degrees, of a vector (3,)."""
+    x, y, z = vector
+    return float(np.rad2deg(np.arctan2(y, x))), float(np.rad2deg(np.arctan2(z, np.hypot(x, y))))
 
 
 def unit(vectors: Array) -> Array:
@@ -52,17 +57,6 @@ def corner_of(seed: int, corner: int) -> Array:
     """The direction (3,) of all segments in one of a study's first trials: a corner of a regular tetrahedron in a random orientation."""
     turn, _ = np.linalg.qr(np.random.default_rng([seed]).normal(size=(3, 3)))
     return np.asarray(TETRAHEDRON[corner] @ turn)
-
-
-def from_azimuth(azimuth: float, elevation: float) -> Array:
-    """Unit vector (3,) of a scene file's angles, in rad."""
-    return np.array(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-    )
 
 
 @dataclass(frozen=True)
@@ -110,18 +104,15 @@ class FieldVector:
         )
 
     def read(self, parameters: Parameters) -> Array:
-        strength = 1e-3 * parameters[self.names[0]]
-        azimuth, elevation = (np.deg2rad(parameters[name]) for name in self.names[1:])
-        return np.asarray(strength * from_azimuth(azimuth, elevation))
+        return np.asarray(1e-3 * parameters[self.names[0]] * self.direction(parameters))
+
+    def direction(self, parameters: Parameters) -> Array:
+        """Its unit vector (3,)."""
+        return np.array(from_angles(*(math.radians(parameters[name]) for name in self.names[1:])))
 
     def written(self, x: Array) -> dict[str, float]:
-        a, b, c = np.asarray(x, dtype=float)
-        values = (
-            min(1e3 * float(np.linalg.norm(x)), 1e3 * self.max),
-            float(np.rad2deg(np.arctan2(b, a))),
-            float(np.rad2deg(np.arctan2(c, np.hypot(a, b)))),
-        )
-        return dict(zip(self.names, values, strict=True))
+        strength = min(1e3 * float(np.linalg.norm(x)), 1e3 * self.max)
+        return dict(zip(self.names, (strength, *azimuth_of(x)), strict=True))
 
     def nearest(self, x: Array) -> Array:
         """The vector of the ball that is nearest to x (3,) T."""

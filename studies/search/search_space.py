@@ -36,8 +36,8 @@ from magmpm.studies.search.parameters import (
     SegmentOrder,
     VariedNumber,
     angles,
+    azimuth_of,
     direction,
-    from_azimuth,
 )
 from magmpm.studies.search.scene_edits import (
     arrangement,
@@ -236,8 +236,7 @@ class SearchSpace:
             if isinstance(block, SegmentDirection):
                 directions.append(block.read(parameters))
             elif isinstance(block, FieldVector):
-                azimuth, elevation = (np.deg2rad(parameters[name]) for name in block.names[1:])
-                directions.append(from_azimuth(azimuth, elevation))
+                directions.append(block.direction(parameters))
                 strengths.append(parameters[block.names[0]] / (1e3 * block.max))
             elif isinstance(block, VariedNumber):
                 rest.append(float(block.read(parameters)[0]))
@@ -252,10 +251,9 @@ class SearchSpace:
             if isinstance(block, SegmentDirection):
                 found |= block.written(next(vectors))
             elif isinstance(block, FieldVector):
-                x, y, z = next(vectors)
-                found[block.names[0]] = float(next(values)) * 1e3 * block.max
-                found[block.names[1]] = float(np.rad2deg(np.arctan2(y, x)))
-                found[block.names[2]] = float(np.rad2deg(np.arctan2(z, np.hypot(x, y))))
+                strength = float(next(values)) * 1e3 * block.max
+                around = azimuth_of(next(vectors))
+                found |= dict(zip(block.names, (strength, *around), strict=True))
             elif isinstance(block, VariedNumber):
                 found |= block.written(np.array([next(values)]))
         return found

@@ -15,7 +15,7 @@ import numpy as np
 
 from magmpm.errors import InputError
 from magmpm.fields.schedule import places
-from magmpm.inputs.vectors import Vector
+from magmpm.inputs.vectors import angles_of
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import Place, put, written
@@ -104,12 +104,6 @@ def turned(known: Mapping[str, Control], values: Values) -> dict[str, float]:
     return {name: value for name, value in values.items() if value != known[name].value}
 
 
-def angles(direction: Vector | np.ndarray) -> tuple[float, float]:
-    """Azimuth and elevation (degrees) of a direction that is not zero."""
-    x, y, z = (float(c) for c in direction)
-    return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
-
-
 def nice(value: float) -> float:
     """The round number (1, 2 or 5 times a power of ten) nearest above a positive value."""
     power = 10.0 ** math.floor(math.log10(value))
@@ -185,7 +179,7 @@ def _directions(scene: Scene) -> Iterator[Control]:
         return
     regions = scene.regions()
     for k in scene.magnetized_regions():
-        azimuth, elevation = (round(angle, 9) for angle in angles(regions[k].magnetization))
+        azimuth, elevation = (round(angle, 9) for angle in angles_of(regions[k].magnetization))
         group = regions[k].name[:1].upper() + regions[k].name[1:]
         place = ("body", *regions[k].at, "magnetization")
         for name, most, value in (("azimuth", 180.0, azimuth), ("elevation", 90.0, elevation)):
