@@ -388,8 +388,8 @@ COMMANDS = {
                 "--vary",
                 "NAME,...",
                 "shear_modulus, remanence, density, length, magnetization, field, damping,"
-                " viscosity, or one constant's own name [shear_modulus,remanence, and a motion's"
-                " losses]",
+                " viscosity, or one constant's own name or address [shear_modulus,remanence, and a"
+                " motion's losses]",
             ),
             _value(
                 "--noise",

@@ -21,6 +21,7 @@ from magmpm.errors import SolveError
 from magmpm.results.result import Result
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
+from magmpm.scene.addresses import value_at
 from magmpm.statics.linearized import Sensitivities
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study import Study
@@ -148,10 +149,7 @@ def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> A
         if variable.kind == "magnetization":
             return errors.direction
         if variable.kind in ("remanence", "shear_modulus"):
-            return float(
-                getattr(errors, variable.kind)
-                * getattr(scene.materials[variable.material or ""], variable.kind)
-            )
+            return float(getattr(errors, variable.kind) * value_at(scene, variable.place))
         return 0.0
 
     return np.array([of(variable) for variable in variables])

@@ -16,8 +16,9 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
+from magmpm.inputs.quantities import divided
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, changed, value_at
+from magmpm.scene.addresses import Place, changed, value_at, written
 from magmpm.scene.variables import Variable, of_lengths, segment_lengths, tangents, variables
 
 OF_MATERIALS = ("shear_modulus", "remanence", "density")
@@ -48,6 +49,7 @@ class Constant:
 
     variable: Variable
     start: float
+    shown: tuple[float, str] = (1.0, "")  # unit in which people read it, and how many are an SI one
     known: float | None = None  # standard deviation, in x, of what is known beforehand
 
     @property
@@ -64,6 +66,11 @@ class Constant:
     def unit(self) -> str:
         """Unit of its value, SI."""
         return self.variable.unit
+
+    @property
+    def word(self) -> str:
+        """Word by which `variables` has it, among others of its kind."""
+        return self.name if self.name == written(self.variable.place) else self.kind
 
     @property
     def relative(self) -> bool:
@@ -122,7 +129,9 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
 
 
 def _named(scene: Scene, word: str) -> list[Constant]:
-    """The constants that a word names: all of a kind, or one by its own name."""
+    """The constants that a word names: all of a kind, one by its own name, or numbers by their address."""
+    if "." in word or "[" in word:
+        return _at_address(scene, word)
     if word in KINDS:
         made = _made(scene, word)
         if isinstance(made, str):
@@ -138,7 +147,7 @@ def _named(scene: Scene, word: str) -> list[Constant]:
         raise InputError(
             "--vary",
             received=repr(word),
-            rule=f"must be of {', '.join(dict.fromkeys(names))}",
+            rule=f"must be of {', '.join(dict.fromkeys(names))}, or an address",
             remedy=remedy,
         )
     return chosen
@@ -167,6 +176,25 @@ def _made(scene: Scene, kind: str) -> list[Constant] | str:
     return found
 
 
+def _at_address(scene: Scene, address: str) -> list[Constant]:
+    """The numbers at an address. Raises InputError for one that a fit can't change by factors."""
+    try:
+        found = _started(scene, variables(scene, [address]))
+    except InputError as error:
+        raise InputError(f"--vary: {error}") from None
+    for constant in found:
+        rule = None
+        if constant.kind == "magnetization":
+            rule = "a direction turns by two angles, not by a component"
+            remedy = "--vary magnetization, or the name of one, such as segment_1_azimuth"
+        elif constant.relative and constant.start == 0.0:
+            rule = "a fit changes a number by factors, and it is 0 in the scene"
+            remedy = "give it a first guess"
+        if rule is not None:
+            raise InputError("--vary", received=constant.name, rule=rule, remedy=remedy)
+    return found
+
+
 def _started(scene: Scene, found: Sequence[Variable]) -> list[Constant]:
     """Variables as constants that start at the scene's values; turns and stray fields at zero."""
     out = []
@@ -176,7 +204,11 @@ def _started(scene: Scene, found: Sequence[Variable]) -> list[Constant]:
             start = segment_lengths(scene)[variable.region]
         elif variable.kind not in ("magnetization", "field"):
             start = value_at(scene, variable.place)
-        out.append(Constant(variable, float(start)))
+        shown = SHOWN.get(variable.kind)
+        if shown is None:
+            number, unit = divided(value_at(scene, variable.place, units=True)) or (start, "")
+            shown = (number / start if start else 1.0, unit)
+        out.append(Constant(variable, float(start), shown))
     return out
 
 

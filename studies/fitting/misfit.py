@@ -19,7 +19,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, Constant, constants_of, diameter_of
+from magmpm.studies.fitting.constants import GEOMETRY, Constant, constants_of, diameter_of
 from magmpm.studies.fitting.identify import FLAT, WIDEST
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.solve import Interval, LeastSquares, least_squares, quantile_of
@@ -48,7 +48,7 @@ class Suspect:
         """Warning about the suspect."""
         both = zip(self.constants, self.x.tolist(), strict=True)
         parts = [
-            f"{one.name} {SHOWN[one.kind][0] * one.value(number):.3g} {SHOWN[one.kind][1]}"
+            f"{one.name} {one.shown[0] * one.value(number):.3g} {one.shown[1]}"
             for one, number in both
         ]
         own = len(self.constants) - (len(self.x) - len(self.errors))

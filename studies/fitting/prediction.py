@@ -16,7 +16,9 @@ from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.results.measures import of_particles, tip_of
 from magmpm.scene import Scene
+from magmpm.scene.addresses import value_at, written
 from magmpm.scene.apparatus import Apparatus
+from magmpm.scene.variables import ADDRESS
 from magmpm.simulate import run, sensitivities, simulated
 from magmpm.statics.equilibrium import Following
 from magmpm.studies.fitting.constants import Constant, applied, chain
@@ -184,7 +186,7 @@ class Prediction:
     )
 
     def __post_init__(self) -> None:
-        """Raises InputError where the rows give the length that is to be found."""
+        """Raises InputError where the rows give what is to be found."""
         lengths = [constant.name for constant in self.constants if constant.kind == "length"]
         if lengths and any(
             readings.apparatus.inserted is not None for readings in self.measured.states
@@ -203,6 +205,17 @@ class Prediction:
                 rule=rule,
                 remedy=remedy,
             )
+        places = [c.variable.place for c in self.constants if c.kind == ADDRESS]
+        for readings in self.measured.states if places else ():
+            there = readings.apparatus.applied(self.scene)
+            for place in places:
+                if value_at(there, place) != value_at(self.scene, place):
+                    raise InputError(
+                        self.measured.named,
+                        received=f"a column that sets {written(place)}",
+                        rule="what each row gives is no constant to find",
+                        remedy="leave it out of --vary, or remove the column",
+                    )
 
     def at(self, x: Array, *, slopes: bool = True) -> tuple[Array, Array]:
         """Residuals (n,) m or rad, and their derivatives (n, k) per unit of x; without `slopes` they may be missing.
@@ -242,10 +255,10 @@ class Prediction:
         """The shape in a field of an apparatus; tables may share one."""
         base = apparatus.applied(self.scene if field is None else self.scene.with_field(field))
         scene = applied(base, self.constants, x)
-        kinds = list(dict.fromkeys(constant.kind for constant in self.constants))
+        words = list(dict.fromkeys(constant.word for constant in self.constants))
         self._following.expected = lambda rod: self._last.get(index)
         self.solves += 1
-        near = sensitivities(scene, of=kinds, start=self._following) if slopes else None
+        near = sensitivities(scene, of=words, start=self._following) if slopes else None
         result = simulated(scene, start=self._following) if near is None else near.result
         self._last[index] = result.grid_correction
         if near is None:

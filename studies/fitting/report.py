@@ -12,7 +12,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.quantities import divided
 from magmpm.scene.addresses import put, value_at
-from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, applied, places_of
+from magmpm.studies.fitting.constants import GEOMETRY, applied, places_of
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.search import Fit, Fitted
 from magmpm.studies.fitting.solve import quantile_of
@@ -184,7 +184,7 @@ def text(found: Fit) -> str:
         f"  {'':{width}}  {'fitted':>12}  {share:^27}  {'standard error':>15}  {'finer grid':>11}",
     ]
     for one in found.constants:
-        (factor, unit), (low, high) = SHOWN[one.constant.kind], _ends(one)
+        (factor, unit), (low, high) = one.constant.shown, _ends(one)
         finer = "" if one.grid_shift is None else f"{factor * one.grid_shift:+.2g}"
         value = f"{factor * one.value:.5g}"
         interval = f"{low:>12} to {high:<11}"
@@ -372,13 +372,13 @@ def _panel(found: Fit, table: Measurements, number: int, half: Array | None) -> 
 def _ends(one: Fitted) -> tuple[str, ...]:
     """Ends of an interval, as shown."""
     return tuple(
-        "open" if end is None else f"{SHOWN[one.constant.kind][0] * end:.4g}"
+        "open" if end is None else f"{one.constant.shown[0] * end:.4g}"
         for end in (one.low, one.high)
     )
 
 
 def _in_words(one: Fitted) -> str:
-    (factor, unit), (low, high) = SHOWN[one.constant.kind], _ends(one)
+    (factor, unit), (low, high) = one.constant.shown, _ends(one)
     return (
         f"{one.constant.name.replace('_', ' ')} {factor * one.value:.4g} ({low} to {high}) {unit}"
     )

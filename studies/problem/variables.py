@@ -10,6 +10,10 @@ from magmpm.inputs.quantities import KINDS, format_si
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.materials import STIFFEST
 
+_Length = Annotated[float, Quantity("length", above="0 mm", at_most="10 m")]
+_Diameter = Annotated[float, Quantity("length", above="0 mm", at_most="1 m")]
+_Modulus = Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)]
+
 
 class VaryMagnetization(Settings):
     """The direction of each magnetized segment: two angles. No settings."""
@@ -55,12 +59,8 @@ class VaryLength(Range):
     """The length of each segment."""
 
     kind: ClassVar[str] = "length"
-    min: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
-        description="Least length of a segment.", examples=["4 mm"]
-    )
-    max: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
-        description="Greatest length of a segment.", examples=["12 mm"]
-    )
+    min: _Length = Field(description="Least length of a segment.", examples=["4 mm"])
+    max: _Length = Field(description="Greatest length of a segment.", examples=["12 mm"])
     total: Literal["keep", "free"] = Field(
         default="keep",
         description=(
@@ -75,12 +75,8 @@ class VaryDiameter(Range):
     """The diameter of a catheter."""
 
     kind: ClassVar[str] = "length"
-    min: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
-        description="Least diameter.", examples=["2 mm"]
-    )
-    max: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
-        description="Greatest diameter.", examples=["4 mm"]
-    )
+    min: _Diameter = Field(description="Least diameter.", examples=["2 mm"])
+    max: _Diameter = Field(description="Greatest diameter.", examples=["4 mm"])
 
 
 class VaryRemanence(Range):
@@ -107,12 +103,8 @@ class VaryShearModulus(Range):
     """The stiffness of the body's materials."""
 
     kind: ClassVar[str] = "pressure"
-    min: Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)] = Field(
-        description="Least shear modulus.", examples=["50 kPa"]
-    )
-    max: Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)] = Field(
-        description="Greatest shear modulus.", examples=["500 kPa"]
-    )
+    min: _Modulus = Field(description="Least shear modulus.", examples=["50 kPa"])
+    max: _Modulus = Field(description="Greatest shear modulus.", examples=["500 kPa"])
     per: Literal["material", "segment"] = Field(
         default="material",
         description="One value for each material (unless given) or one for each segment.",

@@ -93,7 +93,7 @@ class SegmentDirection:
 class FieldVector:
     """A uniform field, (3,) T, in a ball of radius max T. names: of its parameters; number: which of the study's fields, from 0."""
 
-    names: tuple[str, str, str]
+    names: tuple[str, ...]
     max: float
     number: int = 0
     size = 3

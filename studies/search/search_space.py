@@ -161,19 +161,12 @@ class SearchSpace:
         """Names of the segments whose directions vary."""
         return [segment_names(self.scene)[i] for i in self.segments]
 
-    def _field_names(self) -> list[tuple[str, str, str]]:
+    def _field_names(self) -> list[tuple[str, ...]]:
         """Parameters of each field; of several, field_01 is the first."""
         if self.fields == 1:
             return [FIELD]
         stems = [f"field_{k:0{len(str(self.fields))}d}" for k in range(1, self.fields + 1)]
-        return [
-            (
-                FIELD[0].replace("field", stem),
-                FIELD[1].replace("field", stem),
-                FIELD[2].replace("field", stem),
-            )
-            for stem in stems
-        ]
+        return [tuple(name.replace("field", stem) for name in FIELD) for stem in stems]
 
     def distributions(self) -> dict[str, BaseDistribution]:
         """The parameters as Optuna requests them."""
@@ -371,12 +364,10 @@ class SearchSpace:
     @property
     def sensitivities(self) -> list[str]:
         """Kinds of variables to request of `magmpm.sensitivities`: its `of`."""
-        named = [("magnetization", bool(self.segments)), ("field", self.field_max is not None)]
-        named += [
-            (what, any(n.what == what for n in self.numbers_within))
-            for what in ("length", "diameter", "remanence", "shear_modulus")
-        ]
-        return [what for what, wanted in named if wanted]
+        found = ["magnetization"] if self.segments else []
+        if self.field_max is not None:
+            found.append("field")
+        return list(dict.fromkeys([*found, *(number.what for number in self.numbers_within)]))
 
     def chain(
         self, variables: Sequence[Variable], x: Array, order: str | None = None, field: int = -1
@@ -389,8 +380,10 @@ class SearchSpace:
         found = np.zeros((len(variables), self.size))
         rows: dict[Place, list[int]] = {}  # of the Jacobian: by place, of a segment by its number
         for row, variable in enumerate(variables):
-            segment = (variable.kind, variable.region) if variable.region is not None else None
-            rows.setdefault(segment or variable.place, []).append(row)
+            place = variable.place
+            if variable.region is not None:
+                place = (variable.kind, variable.region)
+            rows.setdefault(place, []).append(row)
         count = len(self.scene.regions())
         places: NDArray[np.int64] = (
             np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))

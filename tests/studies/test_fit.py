@@ -11,6 +11,7 @@ import pytest
 from magmpm import load_scene, run, sensitivities
 from magmpm.errors import InputError
 from magmpm.scene import Scene
+from magmpm.scene.addresses import changed, written
 from magmpm.scene.variables import Variable
 from magmpm.studies.fitting import (
     Refused,
@@ -559,3 +560,54 @@ def test_a_suspected_diameter_changes_the_scene() -> None:
     """A descent in which it is freed must move what its slopes say moves."""
     found = applied(SCENE, diameter_of(SCENE), np.array([0.1]))
     assert found.body.shape.thickness == pytest.approx(SCENE.thickness * math.exp(0.1), rel=1e-15)
+
+
+def test_constants_by_address_are_those_of_their_kind(tmp_path: Path) -> None:
+    """The same number, under another name, gets the same answer to the last bit."""
+    measured = read_measured(tips(tmp_path), SCENE)
+    answers = [
+        fit(measured, SCENE, vary=[word], noise=1e-5, thorough=False)
+        for word in ("shear_modulus", f"materials.{MATERIAL}.shear_modulus")
+    ]
+    (one,), (other,) = (found.constants for found in answers)
+    assert (one.value, one.low, one.high) == (other.value, other.low, other.high)
+    assert (one.constant.name, other.constant.name) == (
+        "shear_modulus_magnetic_silicone",
+        f"materials.{MATERIAL}.shear_modulus",
+    )
+
+
+def test_a_magnets_remanence_is_found_by_its_address(tmp_path: Path) -> None:
+    """From tips in its field, of a scene whose number is 8 % too large; to the readings' 1e-9 mm over the slope, some 1e-6 of it."""
+    scene = load_scene(ROOT / "data/scenes/pulled_by_magnet.yaml").with_cells(2)
+    place = ("field", "magnet", 0, "remanence")
+    rows = ["magnet_x_mm,tip_x_mm,tip_y_mm,tip_z_mm"]
+    for x in (70.0, 75.0, 85.0):
+        at = {place: "1.2 T", ("field", "magnet", 0, "position", 0): f"{x} mm"}
+        tip = 1e3 * run(changed(scene, at)).tip
+        rows.append(f"{x},{tip[0]:.9f},{tip[1]:.9f},{tip[2]:.9f}")
+    measured = read_tables([table(tmp_path, "\n".join(rows))], scene)
+    found = fit(measured, scene, vary=[written(place)], noise=1e-6)
+    assert found.constants[0].value == pytest.approx(1.2, rel=1e-5)
+    assert "field.magnet[0].remanence  " in text(found)
+    assert text(found).splitlines()[2].endswith("  mT")
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("field.magnet[0].remanense", "did you mean field.magnet[*].remanence"),
+        ("body.catheter.segments[0].magnetization[0]", "turns by two angles"),
+        ("field.magnet[0].position[1]", "it is 0 in the scene"),
+        ("field.magnet[0].position[0]", "a column that sets field.magnet[0].position[0]"),
+        ("body.catheter.diameter", "its derivative is not known"),
+    ],
+)
+def test_addresses_that_no_fit_can_find(address: str, told: str, tmp_path: Path) -> None:
+    """Those of the scene's file that a table's columns set, too."""
+    scene = load_scene(ROOT / "data/scenes/pulled_by_magnet.yaml").with_cells(2)
+    rows = "magnet_x_mm,tip_x_mm,tip_z_mm\n70,35,5\n80,36,4\n"
+    measured = read_tables([table(tmp_path, rows)], scene)
+    with pytest.raises(InputError, match="--vary") as error:
+        fit(measured, scene, vary=[address], noise=1e-4)
+    assert told in str(error.value)
