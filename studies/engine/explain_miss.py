@@ -214,9 +214,7 @@ def _weak(space: SearchSpace, tangent: Array, basis: Array) -> list[Finding]:
     if space.limits is not None and space.limits.allowed is not None:
         return []
     found = []
-    for block, at in space.parts:
-        if not isinstance(block, SegmentDirection):
-            continue
+    for block, at in space.those(SegmentDirection):
         columns = np.flatnonzero(np.any(basis[at] != 0.0, axis=0))
         moves = float(np.linalg.norm(tangent[:, columns], 2))
         if moves < 1e-3 * space.scene.length:

@@ -56,12 +56,7 @@ def next_exchange(
     if not new:
         return None
     turned = space.parameters_at(min(new, key=lambda y: _distance(space, target, y, order)), order)
-    names = {
-        name
-        for block in space.blocks
-        if isinstance(block, SegmentDirection)
-        for name in block.bounds()
-    }
+    names = {name for block, _ in space.those(SegmentDirection) for name in block.bounds()}
     return {name: turned[name] if name in names else value for name, value in best.items()}
 
 
@@ -69,7 +64,7 @@ def _exchanges(space: SearchSpace, x: Array) -> list[Array]:
     """All designs (size,) in which one segment of x has another direction of the set; and where directions are counted, those in which
     all segments of one direction have."""
     limits = space.limits
-    places = [at for block, at in space.parts if isinstance(block, SegmentDirection)]
+    places = [at for _, at in space.those(SegmentDirection)]
     assert limits is not None
     assert limits.allowed is not None
     sharing = (

@@ -183,11 +183,10 @@ def rod_starts(
     for design in found:
         x = middle.copy()
         directions = iter(design.directions)
-        for block, at in space.parts:
-            if isinstance(block, SegmentDirection):
-                x[at] = next(directions)
-            elif isinstance(block, FieldVector):
-                x[at] = design.field
+        for _, at in space.those(SegmentDirection):
+            x[at] = next(directions)
+        for _, at in space.those(FieldVector):
+            x[at] = design.field
         starts.append(space.parameters_at(x, order))
     return starts
 

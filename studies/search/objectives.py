@@ -29,9 +29,7 @@ def second(name: str, space: SearchSpace, parameters: Parameters) -> float:
     """The second objective of a design: the strength of its strongest field, T, or the volume of its magnetized segments, m^3."""
     if name == "largest_field":
         return max(
-            float(np.linalg.norm(block.read(parameters)))
-            for block in space.blocks
-            if isinstance(block, FieldVector)
+            float(np.linalg.norm(block.read(parameters))) for block, _ in space.those(FieldVector)
         )
     shape = space.scene_of(parameters).body.shape
     assert isinstance(shape, StraightBody)
@@ -42,7 +40,7 @@ def second(name: str, space: SearchSpace, parameters: Parameters) -> float:
 def worst(name: str, space: SearchSpace) -> float:
     """An upper bound of the second objective over all designs, T or m^3."""
     if name == "largest_field":
-        return max(block.max for block in space.blocks if isinstance(block, FieldVector))
+        return max(block.max for block, _ in space.those(FieldVector))
     shape = space.scene.body.shape
     assert isinstance(shape, StraightBody)
     highest = {number.what: number.high for number in space.numbers_within}

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from magmpm.scene.variables import Variable
     from magmpm.studies.problem.study import Study
 
+_Kind = TypeVar("_Kind", bound=Block)
 __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 
 
@@ -130,6 +131,10 @@ class SearchSpace:
         """The blocks, each with the slice of its embedded coordinates."""
         return tuple(zip(self.blocks, self.slices, strict=True))
 
+    def those(self, kind: type[_Kind]) -> list[tuple[_Kind, slice]]:
+        """The blocks of a kind, each with the slice of its embedded coordinates."""
+        return [(block, at) for block, at in self.parts if isinstance(block, kind)]
+
     @property
     def size(self) -> int:
         """Number of embedded coordinates of a design."""
@@ -155,7 +160,7 @@ class SearchSpace:
     @property
     def choices(self) -> tuple[SegmentOrder, ...]:
         """The parameters that are choices rather than numbers."""
-        return tuple(block for block in self.blocks if isinstance(block, SegmentOrder))
+        return tuple(block for block, _ in self.those(SegmentOrder))
 
     def segment_names(self) -> list[str]:
         """Names of the segments whose directions vary."""
@@ -288,14 +293,13 @@ class SearchSpace:
         x = self.made(x)
         found: dict[Place, Any] = {}
         regions = self.scene.regions()
-        for block, at in self.parts:
-            if isinstance(block, SegmentDirection):
-                found["body", *regions[block.segment].at, "magnetization"] = x[at].tolist()
-            elif isinstance(block, VariedNumber):
-                found[block.place] = block.value(x[at])
-        fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
+        for turned, at in self.those(SegmentDirection):
+            found["body", *regions[turned.segment].at, "magnetization"] = x[at].tolist()
+        for number, at in self.those(VariedNumber):
+            found[number.place] = number.value(x[at])
+        fields = self.those(FieldVector)
         if fields:
-            found["field", "uniform"] = x[fields[field]].tolist()
+            found["field", "uniform"] = x[fields[field][1]].tolist()
         requested = [found[n.place] for n in self.numbers_within if n.what == "length"]
         if requested:
             lengths = self._lengths(np.array(requested))[0]
@@ -324,9 +328,8 @@ class SearchSpace:
         """Magnetization of every segment of the trial's scene, (k, 3) unit vectors or zeros, in the undeformed body."""
         found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
         x = self.made(self.embedded(parameters))
-        for block, at in self.parts:
-            if isinstance(block, SegmentDirection):
-                found[block.segment] = x[at]
+        for turned, at in self.those(SegmentDirection):
+            found[turned.segment] = x[at]
         order = parameters.get("order")
         return found if order is None else found[arrangement(self.scene, order)]
 
@@ -352,12 +355,10 @@ class SearchSpace:
 
     def field(self, parameters: Parameters, number: int = -1) -> Array:
         """The uniform part of the field with this number (the last unless given), (3,) T."""
-        found = [block for block in self.blocks if isinstance(block, FieldVector)]
-        return (
-            found[number].read(parameters)
-            if found
-            else np.array(self.scene.field.uniform, dtype=float)
-        )
+        found = self.those(FieldVector)
+        if not found:
+            return np.array(self.scene.field.uniform, dtype=float)
+        return found[number][0].read(parameters)
 
     # sensitivities -> embedded coordinates
 
@@ -388,20 +389,18 @@ class SearchSpace:
         places: NDArray[np.int64] = (
             np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
         )
-        fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
-        numbers = [(block, at) for block, at in self.parts if isinstance(block, VariedNumber)]
+        for turned, at in self.those(SegmentDirection):
+            # none where the remanence is zero
+            for row in rows.get(("magnetization", int(places[turned.segment])), ()):
+                found[row, at] = variables[row].direction
+        numbers = self.those(VariedNumber)
+        for number, at in numbers:
+            if number.what != "length":
+                found[rows.get(number.place, []), at] = number.high - number.low
         lengths = [(number, at) for number, at in numbers if number.what == "length"]
-        for block, at in self.parts:
-            if isinstance(block, SegmentDirection):
-                for row in rows.get(
-                    ("magnetization", int(places[block.segment])), ()
-                ):  # none where the remanence is zero
-                    found[row, at] = variables[row].direction
-            elif isinstance(block, VariedNumber) and block.what != "length":
-                for row in rows.get(block.place, ()):
-                    found[row, at] = block.high - block.low
+        fields = self.those(FieldVector)
         for i in range(3 if fields else 0):
-            found[rows["field", "uniform", i], fields[field].start + i] = 1.0
+            found[rows["field", "uniform", i], fields[field][1].start + i] = 1.0
         moved = (
             self._lengths(np.array([number.value(x[at]) for number, at in lengths]))[1]
             if lengths

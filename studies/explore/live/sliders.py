@@ -18,8 +18,9 @@ from magmpm.fields.schedule import places
 from magmpm.inputs.vectors import angles_of
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
-from magmpm.scene.addresses import Place, put, written
+from magmpm.scene.addresses import Place, put, say, written
 from magmpm.scene.addresses import changed as changed_at
+from magmpm.scene.variables import of_lengths
 from magmpm.solving.effects_choice import choose_effects
 from magmpm.studies.search.best_scene import as_yaml, moved_content
 
@@ -267,15 +268,10 @@ def _put_inserted(content: dict[str, Any], shown: Scene) -> None:
     """Put the part outside the guide in place of the whole catheter; it is clamped at the exit."""
     catheter = shown.body.catheter
     assert catheter is not None  # only catheters are inserted
-    lengths = catheter.segment_lengths()
-    own = content["body"]["catheter"]["segments"][-len(lengths) :]
-    segments = [
-        {**dict(old), "length": f"{1e3 * length:.15g} mm"}
-        for old, length in zip(own, lengths, strict=True)
-    ]
-    content["body"]["catheter"].update(
-        length=f"{1e3 * catheter.length:.15g} mm", segments=segments, clamp="base"
-    )
+    own = content["body"]["catheter"]
+    own["segments"] = own["segments"][-len(shown.regions()) :]
+    own["clamp"] = "base"
+    say(content, shown, of_lengths(shown, catheter.segment_lengths()))
     content["resolution"]["from_tip"] = True
     kept = shown.effects.named()
     content["effects"] = {key: value for key, value in content["effects"].items() if key in kept}

@@ -221,9 +221,8 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         self._rng = np.random.default_rng([seed, finished, 1])
         self._caution = 1.0
         self._scale = np.ones(space.size)
-        for block, at in space.parts:
-            if isinstance(block, FieldVector):
-                self._scale[at] = block.max
+        for block, at in space.those(FieldVector):
+            self._scale[at] = block.max
         self._layout = layout_of(
             [(isinstance(block, SegmentDirection), block.size) for block in space.blocks]
         )

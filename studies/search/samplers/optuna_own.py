@@ -104,10 +104,7 @@ class FieldsByRod(BaseSampler):
         self.base = base
         self.insertion = insertion
         self.names = {
-            name
-            for block in insertion.space.blocks
-            if isinstance(block, SegmentDirection)
-            for name in block.bounds()
+            name for block, _ in insertion.space.those(SegmentDirection) for name in block.bounds()
         }
 
     def infer_relative_search_space(
