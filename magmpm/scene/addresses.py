@@ -89,7 +89,7 @@ def say(content: dict[str, Any], scene: Scene, places: Iterable[Place]) -> None:
 
 
 def _holder(data: Any, place: Place) -> Any:
-    """What holds a place in a scene's data. A file may leave out keys, and the list around one item."""
+    """Holder of a place in a scene's data. A file may leave out keys, and the list around one item."""
     for part in place[:-1]:
         if isinstance(part, str) and data.get(part) is None:
             data[part] = {}

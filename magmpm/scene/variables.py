@@ -57,7 +57,7 @@ class Variable:
         """
         if self.kind == "length" and self.region is not None:
             lengths = segment_lengths(scene)
-            lengths[self.region] += amount
+            lengths[self.region] += float(amount)
             return changed(scene, of_lengths(scene, lengths))
         now = value_at(scene, self.place)
         if isinstance(now, list):

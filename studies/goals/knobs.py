@@ -187,7 +187,7 @@ class Turning(Knob):
             d = (math.cos(angles[0]) * first + math.sin(angles[0]) * second).tolist()
         else:
             d = from_angles(*angles)
-        length = 1.0 if self.longest is None else params[self._length]
+        length = 1.0 if self.longest is None else float(params[self._length])
         share = 2.0 * math.pi / len(self.places)
         found: dict[Place, Any] = {}
         for k, place in enumerate(self.places):

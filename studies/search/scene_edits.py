@@ -1,4 +1,4 @@
-"""What a study varies beyond directions and fields: numbers within bounds at their places, and the order of segments."""
+"""Numbers within bounds that a study varies, at their places in the scene, and the order of segments."""
 
 from __future__ import annotations
 

@@ -289,7 +289,7 @@ class SearchSpace:
         self._put_in_order(content, order)
 
     def values(self, x: Array, field: int = -1) -> dict[Place, Any]:
-        """What embedded coordinates (size,) write into the scene, SI, by their places; the order of segments apart."""
+        """Values that embedded coordinates (size,) write into the scene, SI, by their places; the order of segments apart."""
         x = self.made(x)
         found: dict[Place, Any] = {}
         regions = self.scene.regions()

@@ -247,7 +247,7 @@ def test_a_vector_within_a_length_and_in_a_plane(tmp_path: Path) -> None:
         "{of: field.uniform, within: 8 mT, direction: {across: [0, -1, 0], at_most: 60 deg}}",
     )
     angle, length = "field.uniform angle (deg)", "field.uniform length (mT)"
-    found = scene_of(study, SCENE, tmp_path, {angle: 30.0, length: 4.0})
+    found = scene_of(study, SCENE, tmp_path, {angle: 30.0, length: np.float64(4.0)})
     assert found.field.uniform == pytest.approx([2e-3 * 3**0.5, 0.0, 2e-3], abs=1e-15)
     (knob,) = load_goal(tmp_path / "study.yaml").knobs
     space = knob.distributions()[angle]

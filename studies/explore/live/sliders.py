@@ -216,7 +216,7 @@ def _changed(scene: Scene, known: Mapping[str, Control], new: Values) -> Scene:
 
 
 def _at_places(known: Mapping[str, Control], new: Values) -> dict[Place, Any]:
-    """What turned sliders write into the scene or its file, with units: numbers, and directions by both of their angles."""
+    """Values that turned sliders write into the scene or its file, with units: numbers, and directions by both of their angles."""
     found: dict[Place, Any] = {}
     for name, value in new.items():
         place = known[name].place
