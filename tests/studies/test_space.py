@@ -14,6 +14,7 @@ from magmpm.scene.variables import variables
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.rods.exchanges import _exchanges
+from magmpm.studies.search.best_scene import as_yaml, moved_content
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.parameters import Makeable
 from magmpm.studies.search.scene_edits import kept_total, orders
@@ -102,6 +103,26 @@ def test_parameters_and_coordinates_are_inverse(total: str, tmp_path: Path) -> N
         np.testing.assert_allclose(space.embedded(parameters), x, atol=1e-12)  # rounding of angles
         again = space.parameters(*space.design(parameters))
         np.testing.assert_allclose(space.embedded(again), x, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [None, "PPMMM"])
+@pytest.mark.parametrize(("total", "per"), [("keep", "segment"), ("free", "material")])
+def test_the_file_of_a_design_is_its_scene(
+    total: str, per: str, order: str | None, tmp_path: Path
+) -> None:
+    """To the last bit: as the trial had it, so does who runs the file."""
+    space = space_of(tmp_path, total, per)
+    x = space.drawn(np.random.default_rng(4))
+    content = moved_content(tmp_path / "scene.yaml", tmp_path)
+    space.write(content, x, order)
+    (tmp_path / "design.yaml").write_text(as_yaml(content), encoding="utf-8")
+    again = load_scene(tmp_path / "design.yaml")
+    scene = space.scene_at(x, order)
+    assert (again.body, again.field, again.materials) == (
+        scene.body,
+        scene.field,
+        scene.materials,
+    )
 
 
 def test_a_scene_has_the_values_of_its_design(tmp_path: Path) -> None:
