@@ -125,13 +125,19 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
             rule="a fit needs a constant to find",
             remedy="say, --vary shear_modulus",
         )
+    places = [c.variable.place for c in found.values() if c.kind != "magnetization"]
+    if len(set(places)) < len(places):
+        raise InputError(
+            "--vary",
+            received=", ".join(found),
+            rule="one number is there by two names",
+            remedy="leave one of them out",
+        )
     return tuple(found.values())
 
 
 def _named(scene: Scene, word: str) -> list[Constant]:
     """The constants that a word names: all of a kind, one by its own name, or numbers by their address."""
-    if "." in word or "[" in word:
-        return _at_address(scene, word)
     if word in KINDS:
         made = _made(scene, word)
         if isinstance(made, str):
@@ -140,6 +146,8 @@ def _named(scene: Scene, word: str) -> list[Constant]:
         return made
     every = [c for kind in KINDS if not isinstance(made := _made(scene, kind), str) for c in made]
     chosen = [constant for constant in every if constant.name == word]
+    if not chosen and ("." in word or "[" in word):
+        return _at_address(scene, word)
     if not chosen:
         names = [*KINDS, *(constant.name for constant in every)]
         near = difflib.get_close_matches(word, names, n=1)

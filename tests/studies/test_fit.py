@@ -593,6 +593,18 @@ def test_a_magnets_remanence_is_found_by_its_address(tmp_path: Path) -> None:
     assert text(found).splitlines()[2].endswith("  mT")
 
 
+def test_a_number_has_one_name_and_a_name_may_have_a_dot(tmp_path: Path) -> None:
+    """Of a material whose name has one; its own name comes before any address."""
+    measured = read_measured(tips(tmp_path), SCENE)
+    both = ["shear_modulus", f"materials.{MATERIAL}.shear_modulus"]
+    with pytest.raises(InputError, match="by two names"):
+        fit(measured, SCENE, vary=both, noise=1e-4)
+    dotted = SCENE.with_material("mix 0.5", shear_modulus="50 kPa", bulk_to_shear=20.0).to_si()
+    dotted["body"]["catheter"]["material"] = "mix 0.5"
+    (one,) = constants_of(Scene.from_si(dotted), ["shear_modulus_mix_0.5"])
+    assert one.start == 50e3
+
+
 @pytest.mark.parametrize(
     ("address", "told"),
     [
