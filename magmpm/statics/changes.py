@@ -27,9 +27,11 @@ from magmpm.effects.hooks import each_record
 from magmpm.errors import SolveError
 from magmpm.kernels.changes import load_changes, loads, stress_per_shear
 from magmpm.model import Model, build, reshaped
+from magmpm.scene import Scene
 from magmpm.scene.addresses import value_at
 from magmpm.scene.variables import ADDRESS, Variable
 from magmpm.statics import axis
+from magmpm.statics.contact import Touched
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import energy_of
 from magmpm.statics.layout import StaticModel, arranged, static_model
@@ -218,13 +220,43 @@ def contact_changes(
             step = STEP * getattr(model.scene.materials[str(one.material)], one.kind)
             total = np.zeros((grid.size // 3, 3))
             for side in (1.0, -1.0):
-                near = arranged(
-                    static_model(build(one.changed(model.scene, side * step), time=model.time))
-                )[0]
+                near = _rebuilt(model, one.changed(model.scene, side * step))
                 assert near.touching is not None  # as the model's
                 total -= side * near.touching.force(near.touching.touched(near.effects, grid))
             found[k] = total.reshape(grid.shape) / (2 * step)
     return found
+
+
+def push_changes(
+    model: StaticModel, grid: Array, variables: Sequence[Variable], obstacle: str
+) -> Array:
+    """Change (3, k), N per unit, at fixed coefficients, of the sum of an obstacle's forces on the body: central differences."""
+    out = np.zeros((3, len(variables)))
+    for k, one in enumerate(variables):
+        if one.kind in ("magnetization", "field", "remanence"):
+            continue
+        for side in (1.0, -1.0):
+            if one.kind in ("shear_modulus", "density"):
+                step = STEP * getattr(model.scene.materials[str(one.material)], one.kind)
+                near = _rebuilt(model, one.changed(model.scene, side * step))
+            else:
+                step = _step(model) if one.kind != ADDRESS else _step_at(model, one)
+                near = _near(model, one, side * step)
+            pushed = touched_by(near, grid, obstacle).f.sum(axis=0)
+            out[:, k] += side * pushed / (2.0 * step)
+    return out
+
+
+def touched_by(model: StaticModel, grid: Array, obstacle: str) -> Touched:
+    """The points that touch one obstacle at coefficients (planes, m) m."""
+    assert model.touching is not None  # it has the obstacle
+    records = model.scene.effects.named()[obstacle].records(model.scene)
+    return model.touching.touched(records, grid)
+
+
+def _rebuilt(model: StaticModel, scene: Scene) -> StaticModel:
+    """The model of a changed scene, at the same time."""
+    return arranged(static_model(build(scene, time=model.time)))[0]
 
 
 def _change(model: StaticModel, grid: Array, variable: Variable) -> GeometryChange:
@@ -290,9 +322,7 @@ def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
     scene = variable.changed(model.scene, amount)
     if variable.kind == ADDRESS:
         scene = scene.on_field_nodes_of(model.scene)
-        return _same_unknowns(
-            arranged(static_model(build(scene, time=model.time)))[0], model, variable, amount
-        )
+        return _same_unknowns(_rebuilt(model, scene), model, variable, amount)
     base = Model(
         **{name: value for name, value in vars(model).items() if name in Model.__dataclass_fields__}
     )

@@ -18,7 +18,14 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
-from magmpm.statics.changes import contact_changes, geometry_changes, magnet_changes, right_sides
+from magmpm.statics.changes import (
+    contact_changes,
+    geometry_changes,
+    magnet_changes,
+    push_changes,
+    right_sides,
+    touched_by,
+)
 from magmpm.statics.definite import NEUTRAL
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
@@ -151,12 +158,27 @@ class Linearized:
         )
 
     def mean(self, share: Array) -> Array:
-        """Derivatives (3, k), m per unit, of the particles' mean position by these shares (n,), whose sum is 1, of an unchanged shape."""
+        """Derivatives (3, k), m per unit, of the particles' positions summed by these shares (n,), of an unchanged shape."""
         if self._geometry and any(change.rows.any() for change in self._geometry.values()):
             raise ValueError(
                 "where lengths or diameters change, a mean of particles has no derivative"
             )
         return np.einsum("pn,pkni->ik", self._mean_weights(share), self._by_node(self.unknowns))
+
+    def pushed(self, obstacle: str) -> Array:
+        """Derivatives (3, k), N per unit, of the sum of an obstacle's forces on the body, as long as the same points touch it.
+
+        Of the points' forces f(x) and slopes H = -df/dx: df/dp = -H dx/dp, and what f depends on p at fixed coefficients.
+        """
+        model = self.model
+        assert model.touching is not None  # it has the obstacle
+        grid = self._point.grid
+        touched = touched_by(model, grid, obstacle)
+        by_node = np.moveaxis(self._by_node(self.unknowns), 1, -1)
+        k = by_node.shape[-1]
+        moved = model.touching.splines[touched.on] @ by_node.reshape(-1, 3 * k)
+        springs = -np.einsum("tij,tjk->ik", touched.H, moved.reshape(-1, 3, k))
+        return springs + push_changes(model, grid, self.variables, obstacle)
 
     def _mean_weights(self, share: Array) -> Array:
         """Weights (planes, nodes) that give the mean position of particles from the coefficients."""
@@ -210,9 +232,34 @@ class Sensitivities:
 
         Of variables that leave the body's shape as it is. Raises ValueError for lengths and diameters.
         """
-        particles = self._near.model.particles
-        volume = particles.volume * (True if region is None else particles.segment == region)
+        volume = self._volumes(region)
         return self._near.mean(volume / volume.sum())
+
+    def moments(self, region: int | None = None) -> Array:
+        """Derivatives (3, 3, k), m^2 per unit, of the mean of x_i X_j over a region or the body: X, of the undeformed body, is from its mean.
+
+        What decides how it turns. Of variables that leave the body's shape as it is. Raises ValueError for lengths and diameters.
+        """
+        volume = self._volumes(region)
+        share = volume / volume.sum()
+        place = self._near.model.particles.position
+        arms = place - share @ place
+        return np.stack([self._near.mean(share * arm) for arm in arms.T], axis=1)
+
+    def contact_force(self, obstacle: str) -> Array:
+        """Derivatives (3, k), N per unit, of the sum of an obstacle's forces on the body: "ground" or "walls".
+
+        Exact while the same points of the surface touch it; where one begins to, the derivative jumps. Raises ValueError for another name.
+        """
+        known = list(self.result.contacts)
+        if obstacle not in known:
+            raise ValueError(f"obstacle {obstacle!r} is not one of the scene's: {known}")
+        return self._near.pushed(obstacle)
+
+    def _volumes(self, region: int | None) -> Array:
+        """Volume (n,) m^3 of each particle, 0 outside of a region."""
+        particles = self._near.model.particles
+        return particles.volume * (True if region is None else particles.segment == region)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ import math
 import traceback
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -24,7 +25,6 @@ _Spot = Annotated[
     Annotated[str, Tag("name")] | Annotated[Point, Tag("point")],
     Discriminator(lambda value: "name" if isinstance(value, str) else "point"),
 ]
-Moved = Callable[[str], Array]
 _Time = Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")]
 OF: Any = Field(
     default="body",
@@ -35,6 +35,16 @@ OF: Any = Field(
 ALONG: Any = Field(
     default=(1.0, 0.0, 0.0), description="Along this; +x unless given.", examples=[[1, 0, 0]]
 )
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives by k parameters of an equilibrium: of a place (3, k) m and of a moment (3, 3, k) m^2 by the name of a region, and of an
+    obstacle's force (3, k) N by its name. SI, per unit of each parameter."""
+
+    place: Callable[[str], Array]
+    moment: Callable[[str], Array]
+    force: Callable[[str], Array]
 
 
 class OneMeasure(Settings):
@@ -49,15 +59,15 @@ class OneMeasure(Settings):
         """The number, in SI; at: its place in the file, for messages. Raises InputError."""
 
 
-class OfPlaces(OneMeasure):
-    """A kind of measure that has derivatives at rest, with those of places."""
+class Smooth(OneMeasure):
+    """A kind of measure that has derivatives at rest."""
 
     @abstractmethod
-    def slopes(self, answer: Answer, at: str, moved: Moved) -> Array:
-        """Derivatives (k,) at rest; `moved` gives those (3, k) of a place."""
+    def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
+        """Derivatives (k,) at rest, from those of what it is made of."""
 
 
-class Position(OfPlaces):
+class Position(Smooth):
     """Place along a direction, m."""
 
     kind: ClassVar[str | None] = "length"
@@ -69,8 +79,8 @@ class Position(OfPlaces):
     def of_answer(self, answer: Answer, at: str) -> float:
         return float(answer.place(self.of, answer.moment(self.at, -1), at) @ np.array(self.along))
 
-    def slopes(self, answer: Answer, at: str, moved: Moved) -> Array:
-        return np.array(self.along) @ moved(self.of)
+    def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
+        return np.array(self.along) @ of.place(self.of)
 
 
 class Displacement(Position):
@@ -101,7 +111,7 @@ class Travel(OneMeasure):
         return float(way @ np.array(self.along))
 
 
-class Turn(OneMeasure):
+class Turn(Smooth):
     """Rotation about an axis since the begin, by the rotation that fits the particles best, rad."""
 
     kind: ClassVar[str | None] = "angle"
@@ -113,15 +123,45 @@ class Turn(OneMeasure):
     at: _Time | None = Field(default=None, description="When; at the end unless given.")
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        on = answer.region("body" if self.of == "tip" else self.of, at)
-        volume = answer.model.particles.volume[on]
-        both = [answer.particles(k)[on] for k in (0, answer.moment(self.at, -1))]
-        begin, now = (x - volume @ x / volume.sum() for x in both)
-        turned, _ = Rotation.align_vectors(now, begin, weights=volume)
+        begin, now, share = self._arms(answer, answer.moment(self.at, -1), at)
+        turned, _ = Rotation.align_vectors(now, begin, weights=share)
         return float(turned.as_rotvec() @ np.array(self.about))
 
+    def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
+        """Of the rotation R of the polar decomposition R P of the moment M, and of its vector r.
 
-class Distance(OfPlaces):
+        dR = R W, with the skew part of R^T dM = (W P + P W) / 2: w = (tr P - P)^-1 a, a the axial vector of R^T dM - (R^T dM)^T. Then dr is
+        w by the inverse of the right Jacobian of SO(3) (Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2, sec. 10.8.2).
+        """
+        begin, now, share = self._arms(answer, -1, at)
+        turned, _ = Rotation.align_vectors(now, begin, weights=share)
+        R = turned.as_matrix()
+        P = R.T @ ((share[:, None] * now).T @ begin)
+        A = np.einsum("ji,jmk->imk", R, of.moment(self._of))
+        a = np.stack([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+        w = np.linalg.solve(np.trace(P) * np.eye(3) - P, a)
+        r = turned.as_rotvec()
+        angle = max(float(np.linalg.norm(r)), 1e-6)  # below, the last share is 1 / 12 to 1e-13
+        across = np.cross(r, w, axis=0)
+        twice = np.cross(r, across, axis=0)
+        share_twice = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / angle**2
+        return np.array(self.about) @ (w + 0.5 * across + share_twice * twice)
+
+    @property
+    def _of(self) -> str:
+        return "body" if self.of == "tip" else self.of
+
+    def _arms(self, answer: Answer, k: int, at: str) -> tuple[Array, Array, Array]:
+        """Particles from their mean, undeformed and at moment k, (n, 3) m, and their shares (n,) of the volume."""
+        on = answer.region(self._of, at)
+        volume = answer.model.particles.volume[on]
+        share = volume / volume.sum()
+        begin = answer.particles(0)[on]
+        now = answer.particles(k)[on]
+        return begin - share @ begin, now - share @ now, share
+
+
+class Distance(Smooth):
     """Distance of two places, m."""
 
     kind: ClassVar[str | None] = "length"
@@ -137,13 +177,13 @@ class Distance(OfPlaces):
         one, other = self._spots(answer, k, at)
         return float(np.linalg.norm(one - other))
 
-    def slopes(self, answer: Answer, at: str, moved: Moved) -> Array:
+    def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
         one, other = self._spots(answer, -1, at)
         across = (one - other) / max(float(np.linalg.norm(one - other)), 1e-12)
         way = sum(
-            sign * moved(of)
-            for sign, of in zip((1.0, -1.0), self.between, strict=True)
-            if isinstance(of, str)
+            sign * of.place(spot)
+            for sign, spot in zip((1.0, -1.0), self.between, strict=True)
+            if isinstance(spot, str)
         )
         return np.asarray(across @ way)
 
@@ -159,7 +199,7 @@ class Distance(OfPlaces):
         return self
 
 
-class ContactForce(OneMeasure):
+class ContactForce(Smooth):
     """Size of the force of an obstacle on the body, or between two parts, N."""
 
     kind: ClassVar[str | None] = "force"
@@ -175,6 +215,12 @@ class ContactForce(OneMeasure):
         description="Over time: largest (unless given), mean, or last.",
         examples=["mean"],
     )
+
+    def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
+        assert answer.result is not None
+        force = np.array(answer.result.contacts[self.of]["force"])
+        toward = force / max(float(np.linalg.norm(force)), 1e-300)
+        return np.asarray(toward @ of.force(self.of))
 
     def of_answer(self, answer: Answer, at: str) -> float:
         found = answer.contacts
@@ -333,8 +379,8 @@ class Measure(Settings):
 
     @property
     def smooth(self) -> bool:
-        """True if it has derivatives at rest: by those of places, or as it is known without a run."""
-        return self.python is None and (issubclass(KINDS[self.name], OfPlaces) or self.before)
+        """True if it has derivatives at rest: of the equilibrium, or as it is known without a run."""
+        return self.python is None and (issubclass(KINDS[self.name], Smooth) or self.before)
 
     @property
     def before(self) -> bool:

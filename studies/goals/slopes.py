@@ -18,7 +18,7 @@ from magmpm.inputs.settings import validate
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, value_at, written
 from magmpm.studies.goals.answer import Answer
-from magmpm.studies.goals.measures import Measure, OfPlaces
+from magmpm.studies.goals.measures import Measure, Slopes, Smooth
 
 Params = dict[str, float]
 
@@ -54,19 +54,24 @@ def values_and_slopes(
     answer = Answer(scene, found.result)
     names = [region.name for region in scene.regions()]
 
-    def moved(of: str) -> Array:
+    def place(of: str) -> Array:
         if of == "tip":
             assert found.tip is not None  # the measure has asked for it
             return np.asarray(found.tip @ turns)
         return found.mean(None if of == "body" else names.index(of)) @ turns
 
+    slopes = Slopes(
+        place,
+        lambda of: found.moments(None if of == "body" else names.index(of)) @ turns,
+        lambda of: found.contact_force(of) @ turns,
+    )
     out = {}
     for at, data in measures.items():
         measure = validate(Measure, data)
         kind = getattr(measure, measure.name)
         value = measure.of_answer(answer, at, folder)
-        if isinstance(kind, OfPlaces):
-            out[at] = (value, kind.slopes(answer, at, moved))
+        if isinstance(kind, Smooth):
+            out[at] = (value, kind.slopes(answer, at, slopes))
             continue
         ends = np.array(
             [[kind.of_answer(Answer(one, None), at) for one in sides[name]] for name in params]

@@ -284,14 +284,19 @@ subject_to:
   - {distance: {between: [segment 1, tip]}, at_least: 1 mm}
   - {distance: {between: [[15 mm, 3 mm, 5 mm], tip]}, at_least: 1 mm}
   - {position: {of: body, along: [1, 0, 0]}, at_least: 1 mm}
+  - {turn: {of: segment 2, about: [0.2, -1, 0.4]}, at_least: 0 deg}
+  - {turn: {of: body, about: [1, 0, 0]}, at_least: -90 deg}
+  - {contact_force: {with: ground}, at_most: 1 N}
   - {field_energy: {}, at_most: 1}
 trials: 5
 """
 
 
 def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
-    """Of places of the tip, segments and the body, their distance, and the field; by angles, lengths, moduli."""
+    """Of places of the tip, segments and the body, their distance, how they turn, what presses, and the field; by angles, lengths, moduli."""
     scene = SCENE.replace("magnetization: [0, 0, 0]", "magnetization: [1, 0, 0.5]")
+    ground = "ground: {point: [0 mm, 0 mm, 2.6 mm], normal: [0.1, 0.2, -1]}"
+    scene = scene.replace("magnetic_torque: {}", f"magnetic_torque: {{}}, {ground}")
     study = SMOOTH.replace("magnetization: {}", "magnetization: {only: [segment 1]}")
     study = study.replace("at_most: 1}", "at_most: 1}\nsampler: slsqp")
     scene = scene.replace("static: {}", "static: {tolerance: 1.0e-14, max_steps: 200}")

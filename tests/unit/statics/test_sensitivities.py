@@ -17,9 +17,11 @@ from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene
 from magmpm.scene.variables import KINDS, check_differentiable, tangents
 from magmpm.solving import solve
+from magmpm.statics.changes import touched_by
 from magmpm.statics.energy import Energy
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.linearized import Linearized
+from magmpm.statics.newton import refined
 from magmpm.statics.stability import Products, unloaded
 
 MATERIALS = """
@@ -366,6 +368,46 @@ def test_where_it_touches_derivatives_hold_until_other_points_touch(
         ahead, behind = (solution(variable.changed(scene, side * step))[1] for side in (1, -1))
         slope = (ahead - behind) / (2 * step)
         np.testing.assert_allclose(found.tip[:, k], slope, rtol=0, atol=1e-5 * np.abs(slope).max())
+
+
+def test_the_force_of_a_wall_is_differentiated(tmp_path: Path) -> None:
+    """Against differences of equilibria that Newton's method has refined; the same points touch. Loads, moduli, and the contact's own.
+
+    A difference has the force's rounding, 1e-13 of it, over the step's share in it, 1e-4 or more; and that of a soft wall bends with the
+    field: (h / field)^2, 1e-6 at most.
+    """
+    scene = tight(scene_of("in a lumen", tmp_path))
+    steps = {
+        "field.uniform[1]": 1e-6,
+        "field.uniform[2]": 1e-6,
+        "materials.soft.remanence": 2e-5,
+        "materials.soft.shear_modulus": 20.0,
+        "materials.hard.density": 0.4,
+        "materials.soft.bulk_to_shear": 1e-2,
+        "effects.gravity.acceleration[2]": 2e-3,
+        "effects.walls.stiffness": 1e-3,
+    }
+    found = magmpm.sensitivities(scene, list(steps))
+    slopes = found.contact_force("walls")
+    count = found.result.contacts["walls"]["count"]
+    assert count > 2
+
+    def force(near: Scene) -> np.ndarray:
+        _, solved = solve.at_rest(near, None, None)
+        energy = solved.energy
+        assert isinstance(energy, Energy)
+        on = touched_by(energy.model, refined(energy, energy.at(solved.point.grid)).grid, "walls")
+        assert len(on.on) == count
+        return np.asarray(on.f.sum(axis=0))
+
+    for k, variable in enumerate(found.variables):
+        h = steps[variable.name]
+        ahead = force(variable.changed(scene, h))
+        behind = force(variable.changed(scene, -h))
+        slope = (ahead - behind) / (2 * h)
+        np.testing.assert_allclose(slopes[:, k], slope, rtol=0, atol=1e-6 * np.abs(slope).max())
+    with pytest.raises(ValueError, match="is not one of the scene's"):
+        found.contact_force("ground")
 
 
 @pytest.mark.parametrize(
