@@ -18,6 +18,11 @@ from typing import Any
 
 from magmpm.cli import main as magmpm
 from magmpm.errors import in_words, significant
+from magmpm.results.result import Result
+from magmpm.scene import load_scene
+from magmpm.studies.goals import evaluate
+from magmpm.studies.goals.goal_file import SLSQP
+from magmpm.studies.goals.goal_study import load_goal
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs/images/gallery"
@@ -25,6 +30,7 @@ STUDIES = {
     "designed_walker": "walking_strip",
     "designed_gripper": "gripper_field",
     "designed_swimmer": "swimming_sheet",
+    "designed_vessel": "catheter_in_vessel",
 }
 BEGIN = "<!-- measured -->"
 END = "<!-- /measured -->"
@@ -39,7 +45,9 @@ def main(names: Sequence[str], root: Path = ROOT) -> int:
         status = magmpm(["design", str(study), "--workers", "2", "--out", str(out)])
         if status:
             return status
-        shutil.copy(out / "moments.png", IMAGES / f"{name}.png")
+        moments = out / "moments.png"  # of motions
+        drawn = moments if moments.exists() else out / "picture.png"
+        shutil.copy(drawn, IMAGES / f"{name}.png")
         shutil.copy(out / "progress.png", IMAGES / f"{name}_progress.png")
         movie = out / "movie.mp4"
         if movie.exists() and movie.stat().st_size < MOVIE_BYTES:
@@ -47,18 +55,50 @@ def main(names: Sequence[str], root: Path = ROOT) -> int:
         page = root / f"docs/gallery/{name}.md"
         text = page.read_text(encoding="utf-8")
         before, _, rest = text.partition(BEGIN)
-        table = measured(json.loads((out / "goal.json").read_text()))
+        report = json.loads((out / "goal.json").read_text())
+        table = measured(report)
+        if load_scene(out / "best.yaml").static:
+            table += in_motion(study, out, report)
         page.write_text(f"{before}{BEGIN}\n{table}{END}{rest.partition(END)[2]}", encoding="utf-8")
     return 0
+
+
+def in_motion(study: Path, out: Path, report: dict[str, Any], rate: float = 25.0) -> str:
+    """Rows of the measures of the best equilibrium, and of a damped motion in which its field grows, which ends in it.
+
+    rate: of damping, 1/s, about twice the lowest frequency of the catheter (2 Hz, 14 rad/s): it is at rest within a second.
+    """
+    data = load_scene(out / "best.yaml").to_si()
+    data["effects"]["damping"] = {"rate": rate}
+    data["field"]["over_time"] = {"ramp": {"duration": 0.2}}
+    data["solver"] = {"dynamic": {"duration": 1.5, "output_every": 0.05}}
+    found = load_goal(study)
+    tip = Result.load(out / "best").tip
+    assert tip is not None  # that of a catheter
+    apart = {"distance": {"between": ["tip", tip.tolist()]}}
+    job = evaluate.Job(data, out / "motion", {**found.measures, "tip": apart}, study.parent)
+    moved = evaluate.numbers(job)
+    labels = {limit["at"]: limit["label"] for limit in report["limits"]}
+    for k, goal in enumerate(found.file.goals):
+        labels[f"goal[{k}].{goal.key}"] = goal.measure.label
+    rest = report["best"]["measures"]
+    rows = [
+        f"| {_name(label)} at rest, and where a motion ends "
+        f"| {in_words(label, rest[at])}, {in_words(label, moved[at])} |\n"
+        for at, label in labels.items()
+    ]
+    said = in_words("distance (m)", moved["tip"])
+    return "".join([*rows, f"| from the tip at rest to where a motion ends | {said} |\n"])
 
 
 def measured(report: dict[str, Any]) -> str:
     """The table of a search's report."""
     best = report["best"]
     goal = report["goals"][0]
+    at_once = "one" if report["sampler"] == SLSQP else "two"
     rows = [
         ("trials", f"{report['trials']}, the best is number {best['number']}"),
-        ("a trial", f"{significant(report['seconds_per_trial'], 2)} s, two at a time"),
+        ("a trial", f"{significant(report['seconds_per_trial'], 2)} s, {at_once} at a time"),
         (_name(goal), in_words(goal, best["values"][0])),
     ]
     first = report["values"][0]

@@ -236,7 +236,7 @@ class Sensitivities:
         return self._near.mean(volume / volume.sum())
 
     def moments(self, region: int | None = None) -> Array:
-        """Derivatives (3, 3, k), m^2 per unit, of the mean of x_i X_j over a region or the body: X, of the undeformed body, is from its mean.
+        """Derivatives (3, 3, k), m^2 per unit, of the mean of x_i X_j over a region or the body: X is that undeformed, from its mean.
 
         What decides how it turns. Of variables that leave the body's shape as it is. Raises ValueError for lengths and diameters.
         """

@@ -32,7 +32,7 @@ _Outcome = tuple[dict[str, Any], Any]  # measures, and a Result or Motion
 
 @dataclass(frozen=True)
 class SweepTable:
-    """Rows of a sweep: what was set, then the measures in SI; `failed` holds the reason where a run failed."""
+    """Rows of a sweep: what was set, then the measures in SI; `failed` holds the reason where a run failed, or there was none."""
 
     rows: list[dict[str, Any]]
 
@@ -81,7 +81,8 @@ def sweep(
     settings as dicts, or functions of a Result (of the Motion of what runs along time). executor: any of concurrent.futures, Dask or MPI;
     None: `workers` processes of its own, one for each CPU unless given. folder: where rows are kept and found again; None: nowhere.
     on_row: is called with each new row.
-    Raises InputError for wrong addresses, values and measures, before the first run.
+    A row whose values the scene refuses is not run, and says why in `failed`. Raises InputError for wrong addresses and measures, and where
+    the scene refuses every row, before the first run.
     """
     import os
 
@@ -101,17 +102,23 @@ def sweep(
         work = Path(mkdtemp(prefix="magmpm-sweep-"))
         stack.callback(evaluate.forget, work)
         rows: list[dict[str, Any] | None] = [None] * len(combined)
-        keys = [_key(made, measures, functions, beside) for _, made in combined]
-        left = [k for k, key in enumerate(keys) if key not in known]
-        for k, key in enumerate(keys):
+        keys: dict[int, str] = {}
+        for k, (said, made) in enumerate(combined):
+            if isinstance(made, InputError):
+                rows[k] = {**said, "failed": evaluate.reason(made)}
+            else:
+                keys[k] = _key(made, measures, functions, beside)
+        left = [k for k, key in keys.items() if key not in known]
+        for k, key in keys.items():
             if key in known:
                 rows[k] = {**combined[k][0], **known[key]}
         count = workers or os.cpu_count() or 1
         if executor is None and count > 1 and len(left) > 1:
             executor = stack.enter_context(evaluate.Processes(min(count, len(left))))
         jobs = {
-            k: _Row(combined[k][1].to_si(), work / str(k), measures, beside, bool(functions))
-            for k in left
+            k: _Row(made.to_si(), work / str(k), measures, beside, bool(functions))
+            for k, (_, made) in enumerate(combined)
+            if isinstance(made, Scene) and keys[k] not in known
         }
 
         def took(k: int, outcome: _Outcome) -> None:
@@ -175,8 +182,8 @@ def _measures(
 
 def _combined(
     scene: Scene, values: Mapping[str, Sequence[Any]]
-) -> list[tuple[dict[str, Any], Scene]]:
-    """Every combination: what is set, and the scene. Raises InputError."""
+) -> list[tuple[dict[str, Any], Scene | InputError]]:
+    """Every combination: what is set, and the scene, or why there is none. Raises InputError where there is no scene at all."""
     for address, of in values.items():
         if isinstance(of, (str, bytes)) or not isinstance(of, Sequence) or not len(of):
             raise InputError(
@@ -186,15 +193,18 @@ def _combined(
                 remedy='write, say, ["2 mT", "4 mT"]',
             )
     at = {address: places(scene, address) for address in values}
-    found = []
+    found: list[tuple[dict[str, Any], Scene | InputError]] = []
     for chosen in product(*values.values()):
         said = dict(zip(values, chosen, strict=True))
         settings = {place: value for address, value in said.items() for place in at[address]}
         try:
             found.append((said, changed(scene, settings)))
         except InputError as error:
-            words = ", ".join(f"{address} = {value}" for address, value in said.items())
-            raise InputError(f"{words}: {error}") from None
+            found.append((said, error))
+    said, first = found[0]
+    if isinstance(first, InputError) and all(isinstance(of, InputError) for _, of in found):
+        words = ", ".join(f"{address} = {value}" for address, value in said.items())
+        raise InputError(f"{words}: {first}") from None
     return found
 
 

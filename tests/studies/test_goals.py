@@ -293,7 +293,7 @@ trials: 5
 
 
 def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
-    """Of places of the tip, segments and the body, their distance, how they turn, what presses, and the field; by angles, lengths, moduli."""
+    """Of places of the tip, segments and the body, distance, turns, what presses, and the field; by angles, lengths, moduli."""
     scene = SCENE.replace("magnetization: [0, 0, 0]", "magnetization: [1, 0, 0.5]")
     ground = "ground: {point: [0 mm, 0 mm, 2.6 mm], normal: [0.1, 0.2, -1]}"
     scene = scene.replace("magnetic_torque: {}", f"magnetic_torque: {{}}, {ground}")

@@ -39,6 +39,21 @@ def test_a_process_that_ends_is_a_failed_row_that_is_tried_again(tmp_path: Path)
     assert swept() == [False, False, False]
 
 
+def test_a_value_that_the_scene_refuses_is_a_failed_row(tmp_path: Path) -> None:
+    """The others run; where no row can, the sweep is refused."""
+    scene = Scene.from_si(plain(SCENE))
+    address = "materials.m.shear_modulus"
+    values = ["100 kPa", "-3 kPa", "120 kPa"]
+    table = magmpm.sweep(scene, {address: values}, workers=1, folder=tmp_path / "s")
+    assert [row[address] for row in table.rows] == values
+    assert "shear_modulus" in table.rows[1]["failed"]
+    assert "-3 kPa" in table.rows[1]["failed"]
+    assert "tip_z_m" not in table.rows[1]
+    assert table.rows[0]["tip_z_m"] > table.rows[2]["tip_z_m"] > 0.0
+    with pytest.raises(InputError, match=r"-3 kPa.*shear_modulus"):
+        magmpm.sweep(scene, {address: ["-3 kPa"]}, workers=1)
+
+
 def test_a_sweep_has_a_row_for_every_combination(tmp_path: Path) -> None:
     """In the order of its values, as runs one by one give them; what a folder has is not run again."""
     scene = Scene.from_si(plain(SCENE))
