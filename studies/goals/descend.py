@@ -26,21 +26,19 @@ class Enough(Exception):
 def descend(
     ranges: Mapping[str, FloatDistribution],
     begun: Mapping[str, float],
-    tried: Callable[[dict[str, float], dict[str, float]], Slopes | None],
+    tried: Callable[[dict[str, float]], Slopes | None],
     steps: int,
     units: float = 10.0,
 ) -> None:
     """Minimize a goal from the parameters `begun` (the middle of its range for one that is not given).
 
-    units: of a range, in which it is measured. tried: goal and bounds at parameters, with derivatives, None where it failed; it gets the
-    widths of the ranges, too.
+    units: of a range, in which it is measured. tried: goal and bounds at parameters, with derivatives, None where it failed.
     """
     names = list(ranges)
     low = np.array([each.low for each in ranges.values()])
     unit = (np.array([each.high for each in ranges.values()]) - low) / units
     middle = low + 0.5 * units * unit
     first = np.array([begun.get(name, m) for name, m in zip(names, middle, strict=True)])
-    widths = dict(zip(names, (units * unit).tolist(), strict=True))
     known: dict[bytes, Slopes] = {}
     sizes: Array | None = None  # by which goal and bounds are divided
 
@@ -50,7 +48,7 @@ def descend(
         if key in known:
             return known[key]
         params = dict(zip(names, (low + unit * np.clip(x, 0.0, units)).tolist(), strict=True))
-        found = tried(params, widths)
+        found = tried(params)
         if found is None and not known:
             raise Enough  # the scene itself fails
         if found is None:  # worse than all before, so that a shorter step is tried

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -129,7 +130,20 @@ def load_goal(path: Path | str) -> GoalStudy:
     try:
         return _checked(document, file, scene)
     except InputError as error:
-        raise InputError(f"{document.path}: {error}") from None
+        raise InputError(f"{document.path}{_line(document, str(error))}: {error}") from None
+
+
+def _line(document: Document, message: str) -> str:
+    """`:LINE` of the key with which a message begins, or of what is around it; "" for a key that the file has not."""
+    key, _, _ = message.partition(":")
+    named = [int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]\s]+", key)]
+    if named[:1] == ["goal"] and isinstance(document["goal"], dict):
+        del named[1]  # one goal is no list
+    for count in range(len(named), 0, -1):
+        line = document.lines.get(tuple(named[:count]))
+        if line is not None:
+            return f":{line}"
+    return ""
 
 
 def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:

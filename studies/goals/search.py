@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from optuna.distributions import FloatDistribution
 from optuna.trial import TrialState
 
 from magmpm.compiled.arrays import Array
@@ -196,8 +197,9 @@ class _Seeking:
         begun: dict[str, Any] = {} if best is None else dict(best.params)
         for knob in self.study.knobs if best is None else ():
             begun |= knob.begun(self.study.scene)
+        ranges: Any = distributions(self.study.knobs)  # all of them are smooth
 
-        def tried(params: dict[str, float], ranges: dict[str, float]) -> Slopes | None:
+        def tried(params: dict[str, float]) -> Slopes | None:
             if self._finished() >= count:
                 raise Enough
             found = self._with_slopes(params, ranges)
@@ -205,7 +207,6 @@ class _Seeking:
 
         if self.known.user_attrs.get(CONVERGED):
             return
-        ranges: Any = distributions(self.study.knobs)  # all of them are smooth
         with suppress(Enough):
             descend(ranges, begun, tried, steps=count)
             self.known.set_user_attr(CONVERGED, True)
@@ -229,7 +230,7 @@ class _Seeking:
         return np.array(values), np.array(slopes)
 
     def _with_slopes(
-        self, params: dict[str, float], ranges: dict[str, float]
+        self, params: dict[str, float], ranges: dict[str, FloatDistribution]
     ) -> dict[str, tuple[float, Array]] | None:
         """A trial with these parameters, whose measures get derivatives; None where it fails."""
         self.known.enqueue_trial(params)
@@ -517,8 +518,6 @@ def _keeps(trial: FrozenTrial) -> bool:
 
 def _moved(value: Any, space: Any, share: float) -> Any:
     """A parameter moved by a share of its range; what is no real number stays."""
-    from optuna.distributions import FloatDistribution
-
     if not isinstance(space, FloatDistribution):
         return value
     return float(min(max(value + share * (space.high - space.low), space.low), space.high))

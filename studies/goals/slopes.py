@@ -1,24 +1,27 @@
 """Derivatives of measures at rest by the parameters of a study.
 
 A parameter turns numbers of the scene (its places), and the equilibrium answers to these: dm/dp = sum of dm/dv dv/dp over the numbers v.
-dm/dv is that of `magmpm.sensitivities`, exact; dv/dp, and measures that are known without a run, come of central differences of scenes,
-which cost no run: of smooth functions, with steps of 1e-4 of a parameter's range, exact to some 1e-8.
+dm/dv is that of `magmpm.sensitivities`, exact; dv/dp, and measures that are known without a run, come of differences of scenes, which cost
+no run: of smooth functions, with steps of 1e-4 of a parameter's range, exact to some 1e-8. They are central, and at a bound one-sided, of
+second order too: no step goes beyond it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from optuna.distributions import FloatDistribution
 
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import validate
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, value_at, written
 from magmpm.studies.goals.answer import Answer
-from magmpm.studies.goals.measures import Measure, Slopes, Smooth
+from magmpm.studies.goals.measures import Measure, OneMeasure, Slopes, Smooth
 
 Params = dict[str, float]
 
@@ -27,7 +30,7 @@ def values_and_slopes(
     made: Callable[[Params], Scene],
     places: Sequence[Place],
     params: Params,
-    ranges: Mapping[str, float],
+    ranges: Mapping[str, FloatDistribution],
     measures: Mapping[str, Mapping[str, Any]],
     folder: Path,
 ) -> dict[str, tuple[float, Array]]:
@@ -38,17 +41,18 @@ def values_and_slopes(
     from magmpm.simulate import sensitivities
 
     scene = made(params)
-    steps = {name: 1e-4 * width for name, width in ranges.items()}
-    sides = {
-        name: [made({**params, name: params[name] + sign * step}) for sign in (1.0, -1.0)]
-        for name, step in steps.items()
+    near = {
+        name: [
+            (share, made({**params, name: params[name] + way}))
+            for way, share in _stencil(params[name], space)
+        ]
+        for name, space in ranges.items()
     }
     leaves = [leaf for place in places for leaf in _leaves(scene, place)]
     turns = np.zeros((len(leaves), len(params)))  # dv/dp
-    for k, name in enumerate(params):
-        ahead, behind = sides[name]
-        for i, leaf in enumerate(leaves):
-            turns[i, k] = (value_at(ahead, leaf) - value_at(behind, leaf)) / (2.0 * steps[name])
+    for i, leaf in enumerate(leaves):
+        number = partial(_number, leaf)
+        turns[i] = [_slope(near[name], number) for name in params]
     found = sensitivities(scene, [written(leaf) for leaf in leaves])
     found.result.save(folder)
     answer = Answer(scene, found.result)
@@ -73,11 +77,39 @@ def values_and_slopes(
         if isinstance(kind, Smooth):
             out[at] = (value, kind.slopes(answer, at, slopes))
             continue
-        ends = np.array(
-            [[kind.of_answer(Answer(one, None), at) for one in sides[name]] for name in params]
-        )
-        out[at] = (value, (ends[:, 0] - ends[:, 1]) / (2.0 * np.array(list(steps.values()))))
+        known = partial(_before, kind, at)
+        out[at] = (value, np.array([_slope(near[name], known) for name in params]))
     return out
+
+
+def _stencil(
+    value: float, space: FloatDistribution, step: float = 1e-4
+) -> list[tuple[float, float]]:
+    """Ways from a value within a range, and shares of a function there, whose sum is its derivative.
+
+    step: of the range. Source: Fornberg, Mathematics of Computation 51 (1988) 699, table 3.
+    """
+    h = step * (space.high - space.low)
+    if value + h > space.high:
+        return [(0.0, 1.5 / h), (-h, -2.0 / h), (-2.0 * h, 0.5 / h)]
+    if value - h < space.low:
+        return [(0.0, -1.5 / h), (h, 2.0 / h), (2.0 * h, -0.5 / h)]
+    return [(h, 0.5 / h), (-h, -0.5 / h)]
+
+
+def _slope(near: Sequence[tuple[float, Scene]], function: Callable[[Scene], float]) -> float:
+    """Derivative of a function of a scene, by shares of scenes near it."""
+    return sum(share * function(one) for share, one in near)
+
+
+def _number(place: Place, scene: Scene) -> float:
+    """The number at a place."""
+    return float(value_at(scene, place))
+
+
+def _before(kind: OneMeasure, at: str, scene: Scene) -> float:
+    """A measure that is known before the run."""
+    return kind.of_answer(Answer(scene, None), at)
 
 
 def _leaves(scene: Scene, place: Place) -> list[Place]:

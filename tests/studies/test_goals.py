@@ -305,8 +305,7 @@ def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
     for knob in found.knobs:
         params |= knob.begun(found.scene)
     params = {name: value + 0.01 * abs(value) for name, value in params.items()}
-    spaces: Any = distributions(found.knobs)
-    ranges = {name: one.high - one.low for name, one in spaces.items()}
+    ranges: Any = distributions(found.knobs)
 
     def scene_at(values: dict[str, float]) -> Scene:
         return made(found.scene, found.knobs, values)
@@ -314,7 +313,7 @@ def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
     places = [place for knob in found.knobs for place in knob.places]
     given = values_and_slopes(scene_at, places, params, ranges, found.measures, tmp_path)
     for k, name in enumerate(params):
-        h = 2e-4 * ranges[name]
+        h = 2e-4 * (ranges[name].high - ranges[name].low)
         sides = []
         for sign in (1.0, -1.0):
             near = scene_at({**params, name: params[name] + sign * h})
@@ -329,6 +328,48 @@ def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
             difference = (sides[0][at] - sides[1][at]) / (2.0 * h)
             size = np.abs(slope).max()
             assert slope[k] == pytest.approx(difference, abs=3e-6 * size), (name, at)
+
+
+def test_differences_stay_within_the_bounds(tmp_path: Path) -> None:
+    """At either bound they are one-sided: the derivatives of B^2 by B, exact for a parabola; no scene is beyond."""
+    found = load_goal(written(tmp_path, STUDY.replace("sampler: tpe\n", "")))
+    ranges: Any = distributions(found.knobs)
+    (name,) = ranges
+    asked: list[float] = []
+
+    def scene_at(values: dict[str, float]) -> Scene:
+        asked.append(values[name])
+        return made(found.scene, found.knobs, values)
+
+    places = [place for knob in found.knobs for place in knob.places]
+    measures = {"energy": validate(Measure, {"field_energy": {}}).model_dump(by_alias=True)}
+    for value in (1.0, 4.0, 8.0):
+        given = values_and_slopes(scene_at, places, {name: value}, ranges, measures, tmp_path)
+        assert given["energy"][1] == pytest.approx([2e-6 * value], rel=1e-9)
+    assert (min(asked), max(asked)) == (1.0, 8.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "at"),
+    [
+        ("field.uniform[2]", "field.unifrom[2]", "study.yaml:4: vary.numbers[0].of"),
+        ("trials: 6", "trials: 6\nprune: true", "study.yaml:8: prune"),
+        (
+            "trials: 6",
+            "subject_to:\n  - {strain: {}, at_most: 1 mm}\ntrials: 6",
+            "study.yaml:8: subject_to[0].at_most",
+        ),
+        (
+            "maximize: {displacement: {of: tip, along: [0, 0, 1]}}",
+            "target: {displacement: {of: tip}, value: 3 mT}",
+            "study.yaml:6: goal[0].target.value",
+        ),
+    ],
+)
+def test_errors_name_the_line_of_the_study(old: str, new: str, at: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as told:
+        load_goal(written(tmp_path, STUDY.replace(old, new)))
+    assert at in str(told.value)
 
 
 RAISED = """\
