@@ -227,6 +227,22 @@ def test_numbers_by_their_addresses_are_differentiated(about: str, tmp_path: Pat
         assert_like(found.tip[:, 2], by_kind.tip[:, 0])
 
 
+def test_the_bulk_modulus_of_a_slender_strip(tmp_path: Path) -> None:
+    """A strip 50 times as long as thick bends far with it: differences of refined equilibria come near as the square of their step."""
+    data = yaml.safe_load(MATERIALS) | yaml.safe_load(STRIP + UNIFORM)
+    data["body"]["strip"]["thickness"] = "0.4 mm"
+    data["field"]["uniform"] = ["0 mT", "0 mT", "0.5 mT"]
+    scene = tight(validate(Scene, data, tmp_path / "scene.yaml"))
+    found = magmpm.sensitivities(scene, ["materials.soft.bulk_to_shear"])
+    (variable,) = found.variables
+    apart = []
+    for h in (0.1, 0.03):
+        ahead, behind = (solution(variable.changed(scene, side * h))[1] for side in (1, -1))
+        apart.append(np.linalg.norm((ahead - behind) / (2 * h) - found.tip[:, 0]))
+    assert apart[1] < 1e-5 * np.linalg.norm(found.tip[:, 0])
+    assert apart[1] == pytest.approx(0.09 * apart[0], rel=0.1)
+
+
 @pytest.mark.slow
 def test_numbers_of_parts_by_their_addresses(tmp_path: Path) -> None:
     scene = scene_of("parts", tmp_path)
