@@ -226,18 +226,21 @@ class Model:
 
     @cached_property
     def component(self) -> NDArray[np.int64]:
-        """Component of the body that each particle (n,) is in: in motion, each has a grid of its own. At rest one grid has all: 0."""
-        if self.scene.solver.dynamic is None:
+        """Component of the body that each particle (n,) is in: in motion, and where the body touches itself, each has a grid of its own.
+        Else at rest one grid has all: 0."""
+        if self.scene.solver.dynamic is None and self.scene.effects.self_contact is None:
             return np.zeros(len(self.density), np.int64)
         return self.scene.body.shape.components(self.particles)
 
     @property
     def nodes_in_motion(self) -> tuple[int, int, int]:
-        """Nodes along x, y, z in motion, where each component has a grid of its own: the grids follow each other along x."""
+        """Nodes along x, y, z where each component has a grid of its own: the grids follow each other along x."""
         nx, ny, nz = self.grid.nodes
         return (nx * (int(self.component.max()) + 1), ny, nz)
 
-    def first_in_motion(self, particle: NDArray[np.int64] | slice) -> NDArray[np.int64]:
+    def first_in_motion(
+        self, particle: NDArray[np.integer | np.bool_] | slice
+    ) -> NDArray[np.int64]:
         """The same as first_nodes in motion, for cells of particles."""
         first = self.first_nodes(self.particles.cell[particle])
         first[:, 0] += self.grid.nodes[0] * self.component[particle]

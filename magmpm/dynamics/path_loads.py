@@ -26,13 +26,14 @@ from magmpm.statics.contact import SETTLED, Held, Touched, change, followed, hel
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
 from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.own_contact import OwnContacts
 
 
 @dataclass(frozen=True)
 class EquilibriumShape:
     """The whole body at one equilibrium: position (n, 3) m and F (n, 3, 3) of the model's particles, axis rows [s, x, y, z] (m, 4) m and
     tip (3,) m, None for parts that name none; min_det_F and max_det_F; dof: unknowns of the solve; touched: the points that touch
-    obstacles.
+    obstacles; own: the pairs in which the body touches itself.
     """
 
     model: Model
@@ -44,6 +45,7 @@ class EquilibriumShape:
     max_det_F: float
     dof: int
     touched: Touched | None = None
+    own: OwnContacts | None = None
 
 
 class FieldLoads:
@@ -141,6 +143,7 @@ class FieldLoads:
             found.max_det_F,
             model.dof,
             point.touched,
+            point.own,
         )
 
     def _named(self, time: float) -> Records:

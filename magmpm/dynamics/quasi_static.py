@@ -290,7 +290,9 @@ class _Files:
             "elastic": elastic,
             **energies.effect_energies(model, x, F, state.time),
         }
-        contacts = {} if shape.touched is None else contacts_at_rest(model, shape.touched)
+        contacts = (
+            {} if shape.touched is None else contacts_at_rest(model, shape.touched, shape.own)
+        )
         known |= {key: contact["energy"] for key, contact in contacts.items()}
         self.frames.frame(
             state.time,

@@ -17,14 +17,13 @@ class SelfContact(Effect):
     """Parts and folds of the body that touch each other and separate again."""
 
     PHASE = "contact"
-    ONLY_IN_MOTION = True
     friction: Friction = 0.0
     stiffness: Stiffness = 1.0
 
     def records(
         self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
     ) -> Records:
-        """Nothing: its pairs are no effect on particles (dynamics.body_contact)."""
+        """Nothing: its pairs are no effect on particles (dynamics.body_contact, statics.own_contact)."""
         return ()
 
     def stable_step(self, model: Any) -> float:

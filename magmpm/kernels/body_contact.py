@@ -354,6 +354,127 @@ def _needs_list(meeting):
     return meeting.memory[-1] > meeting.most[0]
 
 
+class Places(NamedTuple):
+    """Of pairs (n,) at rest: depth m, 0 where they do not touch; X (n, 3) m, the place in the undeformed solid, and its cell; value, slope
+    (n, 9): of the splines there, and 1/m; normal (n, 3): F^-T n; inverse (n, 3, 3): F^-1; bend (n, 3, 3) 1/m: F^-T of the curvature of the
+    distance and of what displaces the solid F^-1.
+    """
+
+    depth: Array
+    X: Array
+    cell: Index
+    value: Array
+    slope: Array
+    normal: Array
+    inverse: Array
+    bend: Array
+
+
+@compiled
+def places_at_rest(cells, solids, along_x, along_y, u, x, solid, begun, places):
+    """Complete `places`, which begin with X and cell near those sought, for points at x (n, 3) m and solids (n,); u (3 nodes,) m.
+
+    begun (n,): the distance m, 0 or less, at which each begins to touch.
+    """
+    work = np.empty(24)
+    F = np.empty((3, 3))
+    inverse = np.empty((3, 3))
+    curved = np.empty((3, 3))
+    for k in range(len(solid)):
+        X = places.X[k]
+        cell = places.cell[k]
+        cell, d = _find(
+            cells, cell, along_x, along_y, u, x[k], X, solids, solid[k], work, F, inverse
+        )
+        places.cell[k] = cell
+        places.depth[k] = max(begun[k] - d, 0.0)
+        if not places.depth[k] > 0.0:
+            continue
+        places.value[k] = work[:9]
+        places.slope[k] = work[9:18]
+        places.inverse[k] = inverse
+        g = places.normal[k]
+        for i in range(3):
+            g[i] = 0.0
+            for j in range(3):
+                g[i] += inverse[j, i] * work[21 + j]
+        _curvature(solids, solid[k], X, cells.width[3 * cell], curved)
+        _less_bent(cells, cell, along_x, along_y, u, places.value[k], places.slope[k], g, curved)
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for a in range(3):
+                    for b in range(3):
+                        total += inverse[a, i] * curved[a, b] * inverse[b, j]
+                places.bend[k, i, j] = total
+
+
+@compiled
+def _curvature(solids, s, X, width, out):
+    """Write the second derivative (3, 3) 1/m of the distance from solid s at X (3,) m: differences of its slope over 1e-5 of a cell."""
+    step = 1e-5 * width
+    slopes = np.empty((3, 2, 3))
+    x = np.empty(3)
+    for j in range(3):
+        for side in range(2):
+            x[:] = X
+            x[j] += step if side == 1 else -step
+            solid_distance(solids, s, x, slopes[j, side])
+    for i in range(3):
+        for j in range(3):
+            ahead = slopes[j, 1, i] - slopes[j, 0, i] + slopes[i, 1, j] - slopes[i, 0, j]
+            out[i, j] = ahead / (4.0 * step)
+
+
+@compiled
+def _less_bent(cells, cell, along_x, along_y, u, value, slope, g, out):
+    """Subtract from out (3, 3) the second derivative 1/m of g . u at the place in a cell with these splines."""
+    bend = np.empty(9)
+    for i in range(3):
+        for a in range(3):
+            width = cells.width[3 * cell + i]
+            bend[3 * i + a] = 2.0 * cells.splines[27 * cell + 9 * i + 3 * a + 2] / width**2
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                k = 3 * (cells.node[cell] + a * along_x + b * along_y + c)
+                along = g[0] * u[k] + g[1] * u[k + 1] + g[2] * u[k + 2]
+                xy = along * slope[a] * slope[3 + b] * value[6 + c]
+                xz = along * slope[a] * value[3 + b] * slope[6 + c]
+                yz = along * value[a] * slope[3 + b] * slope[6 + c]
+                out[0, 0] -= along * bend[a] * value[3 + b] * value[6 + c]
+                out[1, 1] -= along * value[a] * bend[3 + b] * value[6 + c]
+                out[2, 2] -= along * value[a] * value[3 + b] * bend[6 + c]
+                out[0, 1] -= xy
+                out[1, 0] -= xy
+                out[0, 2] -= xz
+                out[2, 0] -= xz
+                out[1, 2] -= yz
+                out[2, 1] -= yz
+
+
+@compiled
+def add_pairs_tangent(share, lean, normal, across, push, table, group, blocks):
+    """Add the tangent of pairs (n,) at rest to blocks (k, 3, 3) N/m of a matrix (statics.own_contact).
+
+    share (n, 54), lean (n, 54, 3) 1/m: of their nodes; normal (n, 3); across (n, 3, 3) N/m; push (n,) N; table (groups, 54, 54): the block
+    of each two nodes of a group of pairs, or -1; group (n,).
+    """
+    for pair in range(len(group)):
+        g = normal[pair]
+        for a in range(share.shape[1]):
+            for b in range(share.shape[1]):
+                block = table[group[pair], a, b]
+                if block < 0:
+                    continue
+                both = share[pair, a] * share[pair, b]
+                for i in range(3):
+                    for j in range(3):
+                        turned = g[i] * lean[pair, a, j] * share[pair, b]
+                        turned += lean[pair, b, i] * g[j] * share[pair, a]
+                        blocks[block, i, j] += both * across[pair, i, j] + push[pair] * turned
+
+
 def _meets(meeting: Any) -> bool:
     """Return True if this is the type of a Meeting: a body that does not touch itself has ()."""
     return isinstance(meeting, types.BaseNamedTuple)

@@ -50,4 +50,8 @@ def knots_of(scene: Scene) -> Knots:
     used = [scene.materials[region.material_name] for region in scene.regions()]
     moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
     joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
-    return Knots(joints, scene.resolution.from_tip is True, at_rest=scene.static)
+    return Knots(
+        joints,
+        scene.resolution.from_tip is True,
+        at_rest=scene.static and scene.effects.self_contact is None,
+    )

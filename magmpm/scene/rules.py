@@ -150,6 +150,14 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
     if not scene.static:
         return
     along_time = scene.solver.quasi_static is not None
+    for name in ("feed", "magnetic_interaction"):
+        if scene.effects.self_contact is not None and getattr(scene.effects, name) is not None:
+            raise fault(
+                f"a body that touches itself has no equilibria with {name}",
+                "do not name one of the two, or let it move: `solver: {dynamic: {duration: 0.5"
+                " s}}`",
+                ("effects", "self_contact"),
+            )
     for name, effect in scene.effects.named().items():
         if effect.ONLY_IN_MOTION and not (along_time and effect.ALONG_TIME):
             ways = "`solver: {dynamic: {duration: 0.5 s}}`"
@@ -363,18 +371,18 @@ def warnings(scene: SceneLike) -> list[str]:
         found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
     if not any(effect is not None for _, effect in scene.effects):
         found.append("effects: none is named, so nothing moves")
-    for key in (
-        ("ground", "walls")
-        if dynamic is None and (scene.solver.quasi_static is None or scene.effects.feed is not None)
-        else ()
-    ):
+    frictionless = ["self_contact"]  # along paths, too
+    if scene.solver.quasi_static is None or scene.effects.feed is not None:
+        frictionless += ["ground", "walls"]
+    for key in frictionless if dynamic is None else ():
         effect = getattr(scene.effects, key)
         if effect is not None and most_friction(scene, effect.friction) > 0.0:
             found.append(
                 f"effects.{key}: equilibria leave friction out: the body slides until the push of"
                 f" {key} alone holds it"
             )
-    own = shape.warnings(scene.resolution.cells_across, one_grid=dynamic is None)
+    one_grid = dynamic is None and scene.effects.self_contact is None
+    own = shape.warnings(scene.resolution.cells_across, one_grid=one_grid)
     fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
     found += of_known_error(own) if fitted else own
     if (

@@ -189,11 +189,12 @@ def _kinds(scene: Scene, use: str = SOLVE) -> str:
 
 def _solver(scene: Scene) -> str | bool:
     """Key that distinguishes the kernels of one way to solve a scene from another's."""
+    itself = scene.effects.self_contact is not None
     if scene.solver.quasi_static is not None:
-        return "quasi_static"
-    return scene.solver.dynamic is not None and (
-        "touches itself" if scene.effects.self_contact is not None else "motion"
-    )
+        return "quasi_static" + (" touches itself" if itself else "")
+    if itself:
+        return "touches itself" if scene.solver.dynamic is not None else "rests on itself"
+    return scene.solver.dynamic is not None and "motion"
 
 
 def _cache() -> Path:

@@ -30,6 +30,7 @@ from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread, 
 from magmpm.statics.interacting import energy_of
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import factored
+from magmpm.statics.own_contact import OwnContacts
 from magmpm.statics.stability import on_the_brink
 from magmpm.statics.unnamed_loads import missed_loads
 
@@ -288,7 +289,7 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
         formulation="quasi_static",
         steps=state.rows,
         jumps=state.jumps,
-        contacts=_contacts(shape.model, shape.touched),
+        contacts=_contacts(shape.model, shape.touched, shape.own),
         load_share=state.load_share,
     )
 
@@ -414,13 +415,13 @@ def result_of(
         max_det_F=point.max_det_F,
         energy=point.energy,
         load_share=found.load_share,
-        contacts=_contacts(model, point.touched),
+        contacts=_contacts(model, point.touched, point.own),
     )
 
 
-def _contacts(model: Model, touched: Touched | None) -> dict[str, Any]:
+def _contacts(model: Model, touched: Touched | None, own: OwnContacts | None) -> dict[str, Any]:
     """Contacts of an equilibrium, as results have them."""
-    return {} if touched is None else _plain(contacts_at_rest(model, touched))
+    return {} if touched is None else _plain(contacts_at_rest(model, touched, own))
 
 
 def _plain(contacts: Mapping[str, Contact]) -> dict[str, Any]:

@@ -96,11 +96,12 @@ def _held_faces(model: Model) -> Bonds | None:
         points, model.grid, model.particles, shape.part_of(model.particles), model.well_filled
     )
     cell = model.particles.cell[particle]
+    first = model.first_in_motion(particle)
     weights = model.grid.splines(points.position, cell)[0]
     share = np.einsum("ka,kb,kc->kabc", weights[:, 0], weights[:, 1], weights[:, 2]).reshape(
         len(cell), 27
     )
-    nodes = cell[:, None].astype(np.int64) + CORNERS
+    nodes = first[:, None] + CORNERS
     element = np.concatenate([nodes, nodes[:, :1]], axis=1)
     share = np.pad(share, ((0, 0), (0, 1)))
     size = HELD * points.area / _size(model.grid)
@@ -122,18 +123,20 @@ def _outer_nodes(model: Model) -> Bonds | None:
     grid = model.grid
     particles = model.particles
     moves = ~model.held
-    cell = particles.cell[moves].astype(np.int64)
+    own = particles.cell[moves]
+    cell = model.first_in_motion(moves)  # of parts: the first node has the cell's number
     segment = particles.segment[moves]
     shear = model.shear[moves]
-    number = np.ravel_multi_index(cell.T, grid.cells)
+    nodes = model.nodes_in_motion
+    number = np.ravel_multi_index(cell.T, nodes)
     filled = np.bincount(number, particles.volume[moves]) / float(np.prod(grid.spacing))
     full = filled[number] >= FILLED
     if full.all():
         return None
-    inside = np.zeros(grid.nodes, bool)
-    touched = np.zeros(grid.nodes, bool)
+    inside = np.zeros(nodes, bool)
+    touched = np.zeros(nodes, bool)
     part = np.full(
-        grid.nodes, -1
+        nodes, -1
     )  # one that touches the node: the last of them, so that it is always the same
     for shift in CORNERS:
         at = tuple((cell + shift).T)
@@ -143,7 +146,7 @@ def _outer_nodes(model: Model) -> Bonds | None:
     outer = np.argwhere(touched & ~inside)
     inner = full.copy()
     for plane in model.planes:  # it changes the meaning of its nodes
-        inner &= cell[:, plane.axis] != plane.cell
+        inner &= own[:, plane.axis] != plane.cell
     if not len(outer) or not inner.any():
         return None
     chosen = np.flatnonzero(inner)[

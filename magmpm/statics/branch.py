@@ -232,6 +232,8 @@ class EquilibriumPath:
             point, lowest = (None, None) if mode is None else (point, mode[0])
         if point is None:
             return None
+        if energy.clear_share(self.now.point.grid, point.grid - self.now.point.grid) < 1.0:
+            return None
         if (lost := outside_domain(model, point)) is not None:
             raise LeftField(lost.reason)
         return Reached(target, point, lowest, self._near.spent, self.now.step)
@@ -356,6 +358,12 @@ def outside_domain(model: StaticModel, point: Point) -> SolveError | None:
         is not None
     ):
         return SolveError(through)
+    depth = 0.0 if point.own is None else float(point.own.depth.max(initial=0.0))
+    if depth > model.scene.cell / 2:
+        return SolveError(
+            f"the body is {1e3 * depth:.3g} mm inside itself, more than half a cell: it is pressed"
+            " or went through"
+        )
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.external_field().outside_domain(point.position, model.time)

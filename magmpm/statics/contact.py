@@ -28,6 +28,7 @@ from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
+from magmpm.statics.own_contact import OwnContacts
 
 SETTLED = (
     1e-3  # of the grip of all points: how much it may still change, and so the force of friction
@@ -200,8 +201,10 @@ class RestingSurface(ContactSurface):
         )
 
 
-def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
-    """The contact of each obstacle with a model."""
+def contacts_at_rest(
+    model: Model, touched: Touched, own: OwnContacts | None = None
+) -> dict[str, Contact]:
+    """The contact of each obstacle with a model, and of the model with itself."""
     still = Touching(
         touched.x,
         touched.mass,
@@ -212,14 +215,15 @@ def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
     found = {
         key: effect.report(model, still) for key, effect in model.scene.effects.named().items()
     }
-    return {key: contact for key, contact in found.items() if contact is not None}
+    named = {key: contact for key, contact in found.items() if contact is not None}
+    return named if own is None else named | own.report()
 
 
 def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) -> RestingSurface:
     """The surface of a model on its unknowns; planes, node_yz: of its layout (statics.layout)."""
     from scipy.sparse import csr_matrix  # 0.1 s to import, and most scenes have no obstacles
 
-    nodes = model.grid.nodes
+    nodes = model.nodes_in_motion
     number: Index = np.asarray(np.ravel_multi_index(surface.first.T, nodes))
     order = np.argsort(number, kind="stable")
     first = surface.first[order]

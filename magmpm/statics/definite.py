@@ -76,7 +76,7 @@ class Definite:
         mass = self.mass(energy)
         model = energy.model
         if self._free == 0.0:
-            energy.load(replace(model, touching=None))
+            energy.load(replace(model, touching=None, pairs=None))
             factored(energy, energy.at(np.zeros(energy.shape)))
             self._free = lowest_mode(energy, mass)[0]
             energy.load(model)

@@ -25,13 +25,14 @@ from magmpm.kernels.equilibrium import (
 from magmpm.statics.arcs import TurningParticles, along_arc
 from magmpm.statics.contact import Touched
 from magmpm.statics.layout import StaticModel
+from magmpm.statics.own_contact import OwnContacts
 from magmpm.statics.tangent_matrix import Bands, Sparse, new_matrix
 
 
 @dataclass
 class Point:
     """The energy at one state: grid coefficients (planes, m) m; displacement and position (n, 3) m and F (n, 3, 3) of the particles;
-    touched: the points that touch obstacles (None: no obstacles)."""
+    touched: the points that touch obstacles (None: no obstacles); own: the pairs that touch (None: the body does not touch itself)."""
 
     grid: Array
     displacement: Array
@@ -41,6 +42,14 @@ class Point:
     min_det_F: float
     max_det_F: float
     touched: Touched | None = None
+    own: OwnContacts | None = None
+
+    @property
+    def pattern(self) -> Index | None:
+        """What touches: the tangent is another where it changes. None where nothing can."""
+        if self.touched is None or self.own is None:
+            return None if self.touched is None else self.touched.pattern
+        return np.concatenate([self.touched.pattern, -1 - self.own.pattern])
 
 
 class Energy:
@@ -104,7 +113,12 @@ class Energy:
             total += model.layout.springs.energy(grid)
         if self._held is not None:
             total -= float(np.sum(self._held * grid))
-        return Point(grid, u, x, F, total, float(low.min()), float(high.max()), touched)
+        own = None
+        least = float(low.min())
+        if model.pairs is not None and least > 0.0:
+            own = model.pairs.touched(grid)
+            total += own.energy
+        return Point(grid, u, x, F, total, least, float(high.max()), touched, own)
 
     def displacement(self, grid: Array) -> Array:
         """Displacements (n, 3) m of the particles for grid coefficients (planes, m) m."""
@@ -126,6 +140,10 @@ class Energy:
         if self.model.layout.straight:
             return along_arc(self.model, point.grid, direction, fraction)
         return self._turning.moved(point.grid, point.F, direction, fraction)
+
+    def clear_share(self, grid: Array, change: Array) -> float:
+        """Share, at most 1, of a change of coefficients (planes, m) m in which the body can't pass through itself unseen."""
+        return 1.0 if self.model.pairs is None else self.model.pairs.clear(grid, change)
 
     def rest_energy(self) -> float:
         """Energy of the undeformed body, J: the reference for the energy of a load."""
@@ -151,6 +169,8 @@ class Energy:
             residual -= self._held
         if point.touched is not None and self.model.touching is not None:
             residual -= self.model.touching.force(point.touched).reshape(residual.shape)
+        if point.own is not None:
+            residual -= point.own.force(residual.size // 3).reshape(residual.shape)
         return self.free(residual)
 
     def free(self, vector: Array) -> Array:
@@ -207,6 +227,9 @@ class Energy:
         )
         if point.touched is not None and self.model.touching is not None:
             stiff += self.model.touching.product(point.touched, columns)
+        for k in range(count if point.own is not None else 0):
+            nodes = np.ascontiguousarray(columns[:, k]).reshape(-1, 3)
+            stiff[:, k] += point.own.product(nodes).reshape(planes, -1)
         if self.model.layout.springs is not None:
             for k in range(count):
                 stiff[:, k] += self.model.layout.springs.gradient(
@@ -218,6 +241,10 @@ class Energy:
         """Gradient (planes, m) N, and second derivative as a matrix, N/m, which the next call overwrites."""
         matrix = self.matrix
         out = np.zeros(self.shape)
+        table = None
+        if point.own is not None and isinstance(matrix, Sparse):
+            nodes, group = point.own.elements()
+            table = matrix.coupled(nodes)
         matrix.clear()
         target = matrix.target(self.cells)
         particles_to_grid_with_tangent(
@@ -232,5 +259,7 @@ class Energy:
         )
         if point.touched is not None and self.model.touching is not None:
             self.model.touching.add_tangent(point.touched, matrix.target(self.model.touching.cells))
+        if point.own is not None and table is not None and isinstance(matrix, Sparse):
+            point.own.add_tangent(table, group, matrix.blocks)
         matrix.finish()
         return self._completed(point, out), matrix

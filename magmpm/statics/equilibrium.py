@@ -311,6 +311,8 @@ def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
         return _ramp(
             model, 1, on_step, warnings
         )  # this rod lies in an obstacle. 135 drawn scenes: at once as in 8 or 32 steps
+    if model.pairs is not None and any(len(model.pairs.touched(begin).point) for begin in starts):
+        return _ramp(model, RAMP_STEPS, on_step, warnings)  # this rod goes through itself
     for begin in starts:
         try:
             found = minimize(

@@ -224,7 +224,7 @@ def minimize_with_interaction(
         if decrement < tolerance * scale:
             return Minimum(point, step, decrement / scale)
         before = point
-        fraction = 1.0
+        fraction = alone.clear_share(point.grid, direction)
         noise = max(ROUNDING * scale, ROUNDING_AT_REST * alone.least_scale())
         while True:
             point = energy.at(before.grid + fraction * direction)

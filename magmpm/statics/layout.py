@@ -6,6 +6,7 @@ x) or (z, x, y). The columns of F and the reference remanence follow; deformed p
 F^T F, det F and F Br, so they do not change.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,11 +17,12 @@ from magmpm.bodies.grid import Grid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import SceneError, dotted, lengths
-from magmpm.model import Model, volume_modes
+from magmpm.model import Driven, Model, volume_modes
 from magmpm.statics.block_cholesky import split_plane
 from magmpm.statics.bonds import Bonds, Springs, add_stiffness, bonds_of, held_by_faces
 from magmpm.statics.contact import RestingSurface, resting
 from magmpm.statics.elimination import Elimination, elimination
+from magmpm.statics.own_contact import RestingPairs
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,11 @@ class UnknownsLayout:
     @cached_property
     def elimination(self) -> Elimination:
         """Plan by which the sparse tangent is eliminated, by the numbers of `free_nodes`."""
-        elements = [self.nodes_of(self.cell_plane, self.cell_row)]
+        return self.eliminated([])
+
+    def eliminated(self, more: Sequence[Index]) -> Elimination:
+        """The same where more tables (elements, k) of places in `free_nodes` couple nodes."""
+        elements = [self.nodes_of(self.cell_plane, self.cell_row), *more]
         if self.bonded is not None:
             elements.append(self.places_of(self.bonded))
         return elimination(elements, len(self.free_nodes))
@@ -76,14 +82,22 @@ class UnknownsLayout:
     @cached_property
     def cell_blocks(self) -> NDArray[np.int32]:
         """Block (cells, 27, 27) of the sparse tangent that couples two nodes of a cell; -1 for none."""
-        return self.elimination.blocks_of(self.nodes_of(self.cell_plane, self.cell_row))
+        return self.cell_blocks_in(self.elimination)
+
+    def cell_blocks_in(self, order: Elimination) -> NDArray[np.int32]:
+        """The same of another plan."""
+        return order.blocks_of(self.nodes_of(self.cell_plane, self.cell_row))
 
     @cached_property
     def bond_stiffness(self) -> Array:
         """Stiffness (blocks,) N/m that bonds add on each axis to the blocks of the sparse tangent."""
-        added = np.zeros(int(self.elimination.fronts.block_first[-1]))
+        return self.bond_stiffness_in(self.elimination)
+
+    def bond_stiffness_in(self, order: Elimination) -> Array:
+        """The same of another plan."""
+        added = np.zeros(int(order.fronts.block_first[-1]))
         if self.bonds is not None and self.bonded is not None:
-            block = self.elimination.blocks_of(self.places_of(self.bonded))
+            block = order.blocks_of(self.places_of(self.bonded))
             add_stiffness(self.bonds.stiffness, self.bonds.share, block, added)
         return added
 
@@ -128,6 +142,7 @@ class StaticModel(Model):
     axes: Array
     order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see arranged
     touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
+    pairs: RestingPairs | None = None  # by which it touches itself; None where it does not
     across_gaps: tuple[NDArray[np.bool_], ...] = ()  # nodes held as Pieces.held_across_gaps says
 
     @cached_property
@@ -142,13 +157,16 @@ class StaticModel(Model):
 
     def plane_coordinates(self) -> Array:
         """x (planes,) m of the planes of unknowns, from the base of the body."""
-        x = self.grid.node_coordinates(0)[int(self.clamped_face) :]
-        return x - self.grid.origin[0]
+        x = self.grid.node_coordinates(0)
+        return (
+            np.tile(x, self.nodes_in_motion[0] // len(x))[int(self.clamped_face) :]
+            - (self.grid.origin[0])
+        )
 
     def displaced(self, **by: Array) -> Array:
         """Coefficients (planes, m) m of the nodes that follow what is moved by these displacements (3,) m; 0 for others."""
         out = np.zeros((self.layout.planes, self.layout.nodes_per_plane, 3))
-        for name, nodes in self.driven:
+        for name, nodes in driven_nodes(self):
             out[on_planes(self, nodes, self.layout.node_yz)] = by.get(name, np.zeros(3))
         return out.reshape(self.layout.planes, -1)
 
@@ -187,6 +205,9 @@ def static_model(model: Model) -> StaticModel:
         if model.surface is None
         else resting(model.surface, layout.planes, layout.node_yz, model)
     )
+    pairs = None
+    if model.scene.effects.self_contact is not None:
+        pairs = RestingPairs(model, held_by_faces(model)).numbered(layout, model.clamped_face)
     made = StaticModel(
         **about,
         layout=layout,
@@ -194,6 +215,7 @@ def static_model(model: Model) -> StaticModel:
         slopes=slopes,
         axes=axes,
         touching=touching,
+        pairs=pairs,
         across_gaps=across_gaps,
     )
     if axes.ndim == 2:
@@ -214,9 +236,10 @@ def make_layout(
     Where the lower x face is clamped, node 0 along x is eliminated (bodies.grid.clamp_first_node) and has no unknowns.
     """
     cell_first = model.particles.cell_first
-    nodes_along = model.grid.nodes
+    nodes_along = model.nodes_in_motion
     cell_x, iy, iz = model.particles.cell[cell_first[:-1]].T
     ix = model.grid.along.node[cell_x]
+    ix = ix + model.grid.nodes[0] * model.component[cell_first[:-1]]
 
     # Each row of nodes is numbered without gaps, so the three nodes of a cell along z have consecutive numbers. Nodes of cells that can
     # move have numbers alone: a wide base does not widen the planes. Cells at rest beyond them share the first three nodes, at zero.
@@ -262,7 +285,7 @@ def make_layout(
         everywhere = np.stack([each * columns + iz for each in row], axis=1)
         on = _touched(cell_first, cell_plane, everywhere, held, (planes, rows * columns))
         fixed |= np.repeat(on[:, node_yz @ (columns, 1)], 3, axis=1)
-    for mask in (*dict(model.driven).values(), *held_nodes):
+    for mask in (*dict(driven_nodes(model)).values(), *held_nodes):
         fixed |= np.repeat(on_planes(model, mask, node_yz), 3, axis=1)
     if model.plane_strain:
         fixed[:, 1::3] = True
@@ -283,6 +306,11 @@ def make_layout(
         fixed=fixed,
         straight=model.line is not None,
     )
+
+
+def driven_nodes(model: Model) -> Driven:
+    """The nodes that follow what is moved, by its name, in the shape of the grids of all components."""
+    return tuple((name, on.reshape(model.nodes_in_motion)) for name, on in model.driven_in_motion)
 
 
 def on_planes(model: Model, nodes: NDArray[np.bool_], node_yz: Index) -> NDArray[np.bool_]:
@@ -314,7 +342,10 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     """The model with its longest side as the first axis of the grid, and the new order of its particles."""
     nodes = model.grid.nodes
     p = model.particles
-    order = max([(0, 1, 2), (1, 2, 0), (2, 0, 1)], key=lambda cycle: nodes[cycle[0]])
+    cycles = [(0, 1, 2), (1, 2, 0), (2, 0, 1)]
+    if model.pairs is not None:  # grids of components follow each other along x
+        cycles = cycles[:1]
+    order = max(cycles, key=lambda cycle: nodes[cycle[0]])
     axes = list(order)
     cell = p.cell[:, axes]
     cells = (model.grid.cells[axes[0]], model.grid.cells[axes[1]], model.grid.cells[axes[2]])
@@ -323,6 +354,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
             np.arange(len(cell)),
             p.segment,
             np.ravel_multi_index(cell.T, cells),
+            model.component,
             model.held & (not model.driven),
         )
     )
@@ -360,7 +392,10 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
             touching, first=touching.first[:, axes], weights=touching.weights[:, axes]
         )
         touching = resting(touching, layout.planes, layout.node_yz, turned)
-    return replace(turned, layout=layout, touching=touching), of
+    pairs = model.pairs
+    if pairs is not None:
+        pairs = pairs.numbered(layout, model.clamped_face)
+    return replace(turned, layout=layout, touching=touching, pairs=pairs), of
 
 
 class Pieces:
@@ -374,9 +409,9 @@ class Pieces:
         from scipy.sparse import coo_matrix  # 0.1 s to import, and straight bodies do not need it
         from scipy.sparse.csgraph import connected_components
 
-        particles = model.particles
-        nodes = model.grid.nodes
-        number = np.ravel_multi_index(particles.cell.T, nodes)
+        nodes = model.nodes_in_motion
+        cell = model.first_in_motion(slice(None))
+        number = np.ravel_multi_index(cell.T, nodes)
         _, first, of = np.unique(number, return_index=True, return_inverse=True)
         seen = np.zeros(
             (len(first), 3, 3), bool
@@ -384,12 +419,12 @@ class Pieces:
         free = ~model.held
         np.logical_or.at(seen, of[free], weights[free] != 0.0)
         held_nodes = np.zeros(nodes, bool)
-        for _, follows in model.driven:
+        for _, follows in driven_nodes(model):
             held_nodes |= follows
-        cells = []
+        seen_by = []
         at = []
         for a, b, c in np.ndindex(3, 3, 3):
-            place = particles.cell + np.array([a, b, c])
+            place = cell + np.array([a, b, c])
             by_held = (
                 model.held
                 & (weights[:, 0, a] != 0)
@@ -398,12 +433,14 @@ class Pieces:
             )
             held_nodes[tuple(place[by_held].T)] = True
             on = np.flatnonzero(seen[:, 0, a] & seen[:, 1, b] & seen[:, 2, c])
-            cells.append(on)
+            seen_by.append(on)
             at.append(np.ravel_multi_index(place[first[on]].T, nodes))
-        cell = np.concatenate(cells)
+        seeing = np.concatenate(seen_by)
         named, index = np.unique(np.concatenate(at), return_inverse=True)
         count = len(first) + len(named)
-        graph = coo_matrix((np.ones(len(cell)), (cell, len(first) + index)), shape=(count, count))
+        graph = coo_matrix(
+            (np.ones(len(seeing)), (seeing, len(first) + index)), shape=(count, count)
+        )
         _, group = connected_components(graph, directed=False)
         self._model = model
         self._of_particle = group[of]  # (n,)
@@ -429,7 +466,9 @@ class Pieces:
         if bonds is not None:
             holds = np.abs(bonds.share.sum(axis=1)) > 0.5  # bonds of outer nodes sum to zero
             nodes = np.moveaxis(bonds.element[holds], -1, 0)
-            by_faces = self._of_node[np.ravel_multi_index(tuple(nodes), self._model.grid.nodes)]
+            by_faces = self._of_node[
+                np.ravel_multi_index(tuple(nodes), self._model.nodes_in_motion)
+            ]
         apart = ~np.isin(self._of_node, np.unique(by_faces)).reshape(self._held_nodes.shape)
         return self._held_nodes & apart
 

@@ -59,10 +59,9 @@ class NearbyMinima:
                 return None
             direction = -energy.matrix.solve(residual)
             self.spent += 1
-            if point.touched is not None and not np.array_equal(
-                on, point.touched.pattern
-            ):  # others touch: another tangent
-                on = point.touched.pattern
+            pattern = point.pattern
+            if pattern is not None and not np.array_equal(on, pattern):  # another tangent
+                on = pattern
                 allowed = np.inf
             decrement = -float(np.sum(residual * direction)) / 2
             scale = max(abs(point.energy - rest), energy.least_scale())
@@ -155,7 +154,10 @@ class NearbyMinima:
             if turn == 0:
                 self._decrement = decrement
             point = energy.at(point.grid + direction)
-            if not point.min_det_F > 0 or float(np.abs(point.grid - before.grid).max()) > longest:
+            way = point.grid - before.grid
+            if not point.min_det_F > 0 or float(np.abs(way).max()) > longest:
+                return None
+            if energy.clear_share(before.grid, way) < 1.0:
                 return None
             if decrement < max(1e-4 * self._decrement, SOFT * energy.least_scale()):
                 break

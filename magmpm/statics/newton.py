@@ -249,9 +249,9 @@ def _chord_steps(
 
 def _same_contact(one: Point, other: Point) -> bool:
     """True if the same points touch: else the factors of one tell nothing of the other, such as that it is a minimum."""
-    if one.touched is None or other.touched is None:
+    if one.pattern is None or other.pattern is None:
         return True
-    return np.array_equal(one.touched.pattern, other.touched.pattern)
+    return np.array_equal(one.pattern, other.pattern)
 
 
 def corrected(
@@ -333,6 +333,8 @@ def _along_mode(energy: Energy, point: Point, residual: Array, attempt: int) -> 
             trial = energy.at(energy.arc(point, way, side * part))
             if not (trial.min_det_F > 0 and trial.energy < best.energy):
                 break
+            if energy.clear_share(point.grid, trial.grid - point.grid) < 1.0:
+                break
             best = trial
             part = 2.0 * part
         if best is not point:
@@ -353,6 +355,8 @@ def _farther(energy: Energy, point: Point, direction: Array, reached: Point) -> 
         trial = energy.at(energy.arc(point, direction, fraction))
         if not (trial.min_det_F > 0 and trial.energy < reached.energy):
             break
+        if energy.clear_share(point.grid, trial.grid - point.grid) < 1.0:
+            break
         reached = trial
         fraction *= 2.0
     return reached
@@ -362,7 +366,7 @@ def _search(
     energy: Energy, point: Point, direction: Array, decrement: float, scale: float
 ) -> Point:
     """Backtrack along a direction, straight or along an arc, until the energy satisfies the Armijo condition."""
-    fraction = 1.0
+    fraction = energy.clear_share(point.grid, direction)
     noise = max(ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
     while True:
         enough = point.energy - 2e-4 * fraction * decrement + noise

@@ -108,7 +108,7 @@ def _of_rest(energy: Energy) -> float:
     ]
     key = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).digest()
     if key not in _rest:
-        bare, at = unloaded(replace(model, touching=None))
+        bare, at = unloaded(replace(model, touching=None, pairs=None))
         _rest[key] = _smallest(bare, lambda columns: bare.products(at, columns), 0.0, _lumped(bare))
         while len(_rest) > 64:  # bodies
             _rest.popitem(last=False)

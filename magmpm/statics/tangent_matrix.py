@@ -13,12 +13,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.kept_memory import empty
 from magmpm.errors import SceneError
 from magmpm.kernels.equilibrium import Blocks, Panels, StaticCells
 from magmpm.scene import Scene, memory
 from magmpm.statics import block_cholesky, sparse_cholesky
+from magmpm.statics.elimination import Elimination
 from magmpm.statics.layout import UnknownsLayout
 
 MOST_MEMORY = 4e9  # bytes of the factored tangent
@@ -111,12 +112,37 @@ class Sparse:
 
     def __init__(self, layout: UnknownsLayout) -> None:
         self._layout = layout
-        self._order = layout.elimination
-        count = int(self._order.fronts.block_first[-1])
-        self.blocks = np.zeros((count, 3, 3))
-        self._values = empty((self._order.values,))
-        self._rooms = empty((2, max(self._order.room, 1)))
+        self._coupled: Index = np.zeros((0, 0), np.int64)
+        self._cell_blocks = layout.cell_blocks
+        self._bond_stiffness = layout.bond_stiffness
+        self._planned(layout.elimination)
+
+    def _planned(self, order: Elimination) -> None:
+        self._order = order
+        self.blocks = np.zeros((int(order.fronts.block_first[-1]), 3, 3))
+        self._values = empty((order.values,))
+        self._rooms = empty((2, max(order.room, 1)))
         self._surface: tuple[StaticCells, Blocks] | None = None  # that touches, and its blocks
+
+    def coupled(self, nodes: Index) -> NDArray[np.int32]:
+        """Blocks (groups, k, k) that couple each two nodes of groups (groups, k), by their numbers among all, -1 for none.
+
+        Where the pattern has no room for them it gets it, and is empty: it must be filled again.
+        """
+        places = np.where(nodes >= 0, self._layout.places_of(nodes), -1)
+        if len(places) and not len(self._coupled):
+            self._coupled = np.zeros((0, places.shape[1]), np.int64)
+        known = len(self._coupled)
+        both = np.unique(np.concatenate([self._coupled, places]), axis=0) if len(places) else []
+        if len(both) > known:
+            self._coupled = np.asarray(both)
+            order = self._layout.eliminated([self._coupled])
+            for name in ("_own", "_unknowns"):
+                self.__dict__.pop(name, None)
+            self._cell_blocks = self._layout.cell_blocks_in(order)
+            self._bond_stiffness = self._layout.bond_stiffness_in(order)
+            self._planned(order)
+        return self._order.blocks_of(places)
 
     @cached_property
     def _own(self) -> NDArray[np.int64]:
@@ -135,7 +161,7 @@ class Sparse:
 
     def target(self, cells: StaticCells) -> Blocks:
         if cells.plane is self._layout.cell_plane:
-            return Blocks(self._layout.cell_blocks, self.blocks)
+            return Blocks(self._cell_blocks, self.blocks)
         if self._surface is None or self._surface[0] is not cells:
             nodes = self._layout.nodes_of(cells.plane, cells.row)
             self._surface = cells, Blocks(self._order.blocks_of(nodes), self.blocks)
@@ -144,7 +170,7 @@ class Sparse:
     def add_bonds(self, share: float = 1.0) -> None:
         """Add the bonds, or a share of their stiffness."""
         for axis in range(3):
-            self.blocks[:, axis, axis] += share * self._layout.bond_stiffness
+            self.blocks[:, axis, axis] += share * self._bond_stiffness
 
     def finish(self) -> None:
         self.add_bonds()  # fixed unknowns have no number
@@ -184,7 +210,7 @@ class Sparse:
 
 def new_matrix(scene: Scene, layout: UnknownsLayout) -> Bands | Sparse:
     """A matrix of a layout's unknowns. Raises SceneError if it takes too much memory."""
-    needed = _bytes(layout)
+    needed = _bytes(scene, layout)
     if needed > MOST_MEMORY:
         raise SceneError(
             "resolution",
@@ -199,12 +225,17 @@ def new_matrix(scene: Scene, layout: UnknownsLayout) -> Bands | Sparse:
             ),
         )
     with memory.for_matrix(scene, needed):
-        return Bands(layout) if layout.straight else Sparse(layout)
+        return Bands(layout) if _has_bands(scene, layout) else Sparse(layout)
 
 
-def _bytes(layout: UnknownsLayout) -> float:
+def _has_bands(scene: Scene, layout: UnknownsLayout) -> bool:
+    """True if only planes that follow each other are coupled: a body that touches itself may couple any two."""
+    return layout.straight and scene.effects.self_contact is None
+
+
+def _bytes(scene: Scene, layout: UnknownsLayout) -> float:
     """Memory that the matrix of a layout takes, with its factors."""
-    if layout.straight:
+    if _has_bands(scene, layout):
         return block_cholesky.panel_bytes(layout.planes, layout.m)
     order = layout.elimination
     return 8.0 * (order.values + 2 * order.room + 9 * int(order.fronts.block_first[-1]))

@@ -416,7 +416,7 @@ def test_forces_do_not_depend_on_when_pairs_were_listed(tmp_path: Path, speed: f
             before = motion.u.reshape(-1, 3).copy()
             way = contact.meeting.memory[-1]
             motion.advance(1, dt, model.effects)
-            moved = contact._splines @ (motion.u.reshape(-1, 3) - before)
+            moved = contact.splines @ (motion.u.reshape(-1, 3) - before)
             assert np.linalg.norm(moved, axis=1).max() <= (contact.meeting.memory[-1] - way) * (
                 1 + 1e-9
             )

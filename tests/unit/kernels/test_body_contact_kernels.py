@@ -19,7 +19,7 @@ from magmpm.bodies.contact_solid import (
 )
 from magmpm.bodies.signed_distance import solid
 from magmpm.bodies.surface_mesh import Mesh, outline, pack_mesh
-from magmpm.dynamics.body_contact import SHARE
+from magmpm.statics.surface_pairs import SHARE
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.contact_force import MOST, NORMAL

@@ -1,0 +1,227 @@
+"""A body that touches itself at equilibrium: points of its surface on the solids of its components, on the unknowns of a static solve.
+
+A point at x touches a solid where the place X with X + u(X) = x lies below the solid's undeformed surface, at the distance phi(X) < 0
+(kernels.body_contact). The energy is that of motion, k phi^2 / 2 with the same stiffness k, so a damped motion without friction settles
+where the energy has its minimum. With dr = dx - du(X), g = F^-T grad phi, m_a = F^-T grad N_a of the solid's nodes a, and dX = F^-1 dr,
+
+    d phi = g . dr,    d2 phi = dX . (grad grad phi - g . grad grad u) dX - 2 sum_a (g . du_a) (m_a . dr),
+
+so that the force k phi g acts at one place on both, and momentum and angular momentum are kept. The tangent is k (d phi)^2 + k phi d2 phi.
+Source: the implicit function theorem; Wriggers, Computational Contact Mechanics, 2nd ed., section 4.1 (projection and its variation).
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array, Index
+from magmpm.effects.base import Contact
+from magmpm.effects.contact_law import stiffness_of
+from magmpm.kernels.body_contact import Places, add_pairs_tangent, places_at_rest
+from magmpm.model import Model
+from magmpm.statics.surface_pairs import SurfacePairs, begun
+
+CORNERS = np.stack(np.meshgrid(*3 * (np.arange(3),), indexing="ij"), -1).reshape(27, 3)
+
+
+class Numbering(Protocol):
+    """How statics.layout numbers nodes: `planes` of them, and the grid index (nodes_per_plane, 2) of each in a plane."""
+
+    @property
+    def planes(self) -> int: ...
+
+    @property
+    def node_yz(self) -> Index: ...
+
+
+@dataclass(frozen=True)
+class OwnContacts:
+    """Pairs (t,) that touch: point and solid; x (t, 3) m; stiffness N/m; depth m; node (t, 54): of the point's splines and the solid's,
+    among all of the layout, -1 for none; share (t, 54): of dr; lean (t, 54, 3) 1/m: m_a, 0 for the point's nodes; normal (t, 3): g; bend
+    (t, 3, 3) 1/m: of d2 phi, by dr.
+    """
+
+    pairs: RestingPairs
+    point: Index
+    solid: Index
+    x: Array
+    stiffness: Array
+    depth: Array
+    node: Index
+    share: Array
+    lean: Array
+    normal: Array
+    bend: Array
+
+    @property
+    def energy(self) -> float:
+        """Energy of all pairs, J."""
+        return 0.5 * float(self.stiffness @ self.depth**2)
+
+    @property
+    def pattern(self) -> Index:
+        """Numbers of the pairs that touch."""
+        return np.asarray(self.point * len(self.pairs.names) + self.solid)
+
+    @property
+    def push(self) -> Array:
+        """Force (t,) N over the length of `normal`."""
+        return np.asarray(self.stiffness * self.depth)
+
+    @property
+    def across(self) -> Array:
+        """The tangent (t, 3, 3) N/m by dr alone."""
+        outer = np.einsum("ti,tj->tij", self.normal, self.normal)
+        return np.asarray(
+            self.stiffness[:, None, None] * outer - self.push[:, None, None] * self.bend
+        )
+
+    def force(self, count: int) -> Array:
+        """Force (count, 3) N on the nodes of the layout."""
+        each = self.push[:, None] * self.normal
+        return self._to_nodes(np.einsum("ta,ti->tai", self.share, each), count)
+
+    def _to_nodes(self, values: Array, count: int) -> Array:
+        """Sums (count, 3) of values (t, 54, 3) at the nodes of pairs."""
+        on = self.node >= 0
+        return np.stack(
+            [np.bincount(self.node[on], values[on][:, i], count) for i in range(3)], axis=1
+        )
+
+    def product(self, nodes: Array) -> Array:
+        """The second derivative of the energy times displacements (count, 3) m of the nodes, N."""
+        own = np.where((self.node >= 0)[:, :, None], nodes[self.node], 0.0)
+        r = np.einsum("ta,tai->ti", self.share, own)
+        along = np.einsum("ti,tai->ta", self.normal, own)
+        q = np.einsum("ta,tai->ti", along, self.lean)
+        by_r = np.einsum("tij,tj->ti", self.across, r) + self.push[:, None] * q
+        by_along = self.push[:, None] * np.einsum("tai,ti->ta", self.lean, r)
+        out = np.einsum("ta,ti->tai", self.share, by_r)
+        out += np.einsum("ta,ti->tai", by_along, self.normal)
+        return self._to_nodes(out, len(nodes))
+
+    def elements(self) -> tuple[Index, Index]:
+        """The different rows (groups, 54) of `node`, and which each pair (t,) has."""
+        rows, group = np.unique(self.node, axis=0, return_inverse=True)
+        return rows, group.ravel()
+
+    def add_tangent(self, table: Index, group: Index, blocks: Array) -> None:
+        """Add the second derivative of the energy to blocks (k, 3, 3) N/m; table (groups, 54, 54): the block of each two nodes, or -1."""
+        add_pairs_tangent(
+            self.share, self.lean, self.normal, self.across, self.push, table, group, blocks
+        )
+
+    def report(self) -> dict[str, Contact]:
+        """Contact of the body with itself, and of each two components that touch."""
+        force = self.push[:, None] * self.normal
+        size = np.linalg.norm(self.normal, axis=1)[:, None]
+        energy = 0.5 * self.stiffness * self.depth**2
+        found = self.pairs.contacts(
+            self.point, self.solid, (self.x, force, self.normal / size), self.depth, energy
+        )
+        return {name: one for name, (one, _, _) in found.items()}
+
+
+class RestingPairs(SurfacePairs):
+    """The pairs of a model at rest: those that touch for any coefficients of its layout."""
+
+    def __init__(self, model: Model, still: bool) -> None:
+        """still: as of SurfacePairs."""
+        effect = model.scene.effects.self_contact
+        surface = model.surface
+        assert effect is not None  # layout has looked
+        assert surface is not None
+        law = np.array([stiffness_of(model.scene, effect.stiffness), effect.friction])
+        super().__init__(model, np.arange(len(surface.mass)), law, still=still)
+        _, ny, nz = self.nodes
+        strides = np.array([ny * nz, nz, 1])
+        self._strides = strides
+        self._point_node = (surface.first @ strides)[:, None] + CORNERS @ strides
+        shares = np.einsum("ta,tb,tc->tabc", *surface.weights.transpose(1, 0, 2))
+        self._point_share = shares.reshape(-1, 27)
+        self._in_motion: Index = np.zeros(0, np.int64)
+        self._number: Index = self._in_motion
+
+    def numbered(self, layout: Numbering, first_plane: int) -> RestingPairs:
+        """The same pairs on the unknowns of a layout; first_plane: of the grid, that has unknowns."""
+        out = copy(self)
+        _, ny, nz = self.nodes
+        inside = layout.node_yz @ np.array([nz, 1])
+        # nodes that cells at rest share come first in their planes: those that move count
+        out._in_motion = (
+            (np.arange(layout.planes)[:, None] + first_plane) * (ny * nz) + inside
+        ).ravel()
+        out._number = np.full(int(np.prod(self.nodes)), -1)
+        out._number[out._in_motion] = np.arange(len(out._in_motion))
+        return out
+
+    def displaced(self, grid: Array) -> Array:
+        """Displacements (nodes in motion, 3) m for coefficients (planes, m) m."""
+        u = np.zeros((len(self._number), 3))
+        u[self._in_motion] = grid.reshape(-1, 3)
+        return u
+
+    def clear(self, grid: Array, change: Array) -> float:
+        """Share, at most 1, of a change of coefficients `grid` (planes, m) m in which no surface comes past another unseen."""
+        x = self.place + self.splines @ self.displaced(grid)
+        return self.share(x, self.splines @ self.displaced(change))
+
+    def touched(self, grid: Array) -> OwnContacts:
+        """The pairs that touch for coefficients (planes, m) m."""
+        u = self.displaced(grid)
+        x = self.place + self.splines @ u
+        point, nearest, _ = self.near(x)
+        solid = self.solid[nearest]
+        n = len(point)
+        other = self.solid[point] != solid
+        start = np.zeros(n)
+        # as bodies begin clear of each other, this is the error of a table; and rounding
+        start[other] = begun(self.solids, solid[other], self.place[point[other]])
+        start[other] -= 1e-12 * self.cell
+        places = Places(
+            depth=np.zeros(n),
+            X=self.place[nearest],
+            cell=self.at[nearest],
+            value=np.zeros((n, 9)),
+            slope=np.zeros((n, 9)),
+            normal=np.zeros((n, 3)),
+            inverse=np.zeros((n, 3, 3)),
+            bend=np.zeros((n, 3, 3)),
+        )
+        places_at_rest(
+            self.cells,
+            self.solids,
+            int(self._strides[0]),
+            int(self._strides[1]),
+            u.ravel(),
+            x[point],
+            solid,
+            start,
+            places,
+        )
+        on = np.flatnonzero(places.depth > 0.0)
+        return self._contacts(point[on], solid[on], x, Places(*(each[on] for each in places)))
+
+    def _contacts(self, point: Index, solid: Index, x: Array, at: Places) -> OwnContacts:
+        value = at.value.reshape(-1, 3, 3)
+        slope = at.slope.reshape(-1, 3, 3)
+        factors: list[Any] = [value] * 3
+        gradient = np.empty((len(point), 27, 3))
+        for axis in range(3):
+            along = [slope if k == axis else value for k in range(3)]
+            product = [along[k][:, k] for k in range(3)]
+            gradient[:, :, axis] = np.einsum("ta,tb,tc->tabc", *product).reshape(-1, 27)
+        own = np.einsum("ta,tb,tc->tabc", *(factors[k][:, k] for k in range(3))).reshape(-1, 27)
+        lean = np.zeros((len(point), 54, 3))
+        lean[:, 27:] = np.einsum("tji,taj->tai", at.inverse, gradient)
+        there = self.cells.node[at.cell][:, None] + CORNERS @ self._strides
+        node = self._number[np.concatenate([self._point_node[point], there], axis=1)]
+        rigidity = self.cells.share[at.cell] * self.mass[point] * self.law[0]
+        share = np.concatenate([self._point_share[point], -own], axis=1)
+        return OwnContacts(
+            self, point, solid, x[point], rigidity, at.depth, node, share, lean, at.normal, at.bend
+        )
