@@ -354,10 +354,12 @@ def _needs_list(meeting):
     return meeting.memory[-1] > meeting.most[0]
 
 
-class Places(NamedTuple):
-    """Of pairs (n,) at rest: depth m, 0 where they do not touch; X (n, 3) m, the place in the undeformed solid, and its cell; value, slope
-    (n, 9): of the splines there, and 1/m; normal (n, 3): F^-T n; inverse (n, 3, 3): F^-1; bend (n, 3, 3) 1/m: F^-T of the curvature of the
-    distance and of what displaces the solid F^-1.
+class RestingPlaces(NamedTuple):
+    """Places of pairs (n,) at rest.
+
+    depth m, 0 where they do not touch; X (n, 3) m: the place in the undeformed solid; cell: that of X; value, slope (n, 9): of the splines
+    there, and 1/m; normal (n, 3): F^-T n; inverse (n, 3, 3): F^-1; bend (n, 3, 3) 1/m: the second derivative of the distance by the way of
+    the point, without that by the turn of the solid.
     """
 
     depth: Array

@@ -46,7 +46,7 @@ class Point:
 
     @property
     def pattern(self) -> Index | None:
-        """What touches: the tangent is another where it changes. None where nothing can."""
+        """Numbers of what touches: the tangent is another where they change. None where nothing can."""
         if self.touched is None or self.own is None:
             return None if self.touched is None else self.touched.pattern
         return np.concatenate([self.touched.pattern, -1 - self.own.pattern])

@@ -21,7 +21,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_law import stiffness_of
-from magmpm.kernels.body_contact import Places, add_pairs_tangent, places_at_rest
+from magmpm.kernels.body_contact import RestingPlaces, add_pairs_tangent, places_at_rest
 from magmpm.model import Model
 from magmpm.statics.surface_pairs import SurfacePairs, begun
 
@@ -29,7 +29,7 @@ CORNERS = np.stack(np.meshgrid(*3 * (np.arange(3),), indexing="ij"), -1).reshape
 
 
 class Numbering(Protocol):
-    """How statics.layout numbers nodes: `planes` of them, and the grid index (nodes_per_plane, 2) of each in a plane."""
+    """Numbers of nodes as statics.layout gives them: `planes`, and the grid index (nodes_per_plane, 2) of each in a plane."""
 
     @property
     def planes(self) -> int: ...
@@ -182,7 +182,7 @@ class RestingPairs(SurfacePairs):
         # as bodies begin clear of each other, this is the error of a table; and rounding
         start[other] = begun(self.solids, solid[other], self.place[point[other]])
         start[other] -= 1e-12 * self.cell
-        places = Places(
+        places = RestingPlaces(
             depth=np.zeros(n),
             X=self.place[nearest],
             cell=self.at[nearest],
@@ -204,9 +204,11 @@ class RestingPairs(SurfacePairs):
             places,
         )
         on = np.flatnonzero(places.depth > 0.0)
-        return self._contacts(point[on], solid[on], x, Places(*(each[on] for each in places)))
+        return self._contacts(
+            point[on], solid[on], x, RestingPlaces(*(each[on] for each in places))
+        )
 
-    def _contacts(self, point: Index, solid: Index, x: Array, at: Places) -> OwnContacts:
+    def _contacts(self, point: Index, solid: Index, x: Array, at: RestingPlaces) -> OwnContacts:
         value = at.value.reshape(-1, 3, 3)
         slope = at.slope.reshape(-1, 3, 3)
         factors: list[Any] = [value] * 3

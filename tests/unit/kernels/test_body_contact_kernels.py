@@ -19,7 +19,6 @@ from magmpm.bodies.contact_solid import (
 )
 from magmpm.bodies.signed_distance import solid
 from magmpm.bodies.surface_mesh import Mesh, outline, pack_mesh
-from magmpm.statics.surface_pairs import SHARE
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.contact_force import MOST, NORMAL
@@ -36,6 +35,7 @@ from magmpm.kernels.body_contact import (
 from magmpm.kernels.mass_correction import begin_impulses
 from magmpm.kernels.total_lagrangian_step import State
 from magmpm.model import build
+from magmpm.statics.surface_pairs import SHARE
 
 # m
 SIZE = 3e-3
