@@ -223,6 +223,8 @@ def contact_changes(
                 near = _rebuilt(model, one.changed(model.scene, side * step))
                 assert near.touching is not None  # as the model's
                 total -= side * near.touching.force(near.touching.touched(near.effects, grid))
+                if near.pairs is not None:
+                    total -= side * near.pairs.touched(grid).force(len(total))
             found[k] = total.reshape(grid.shape) / (2 * step)
     return found
 
@@ -329,7 +331,7 @@ def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
     touched = [
         effect.records(scene)[0]
         for effect in scene.effects.named().values()
-        if effect.PHASE == "contact"
+        if effect.PHASE == "contact" and effect.records(scene)
     ]  # as stiff as its cells
     stiff = {record.dtype: record for record in touched}
     base = replace(
