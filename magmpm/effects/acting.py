@@ -234,9 +234,7 @@ class Effects(Settings):
     )
     ground: Ground | None = _key("Contact with a plane.", _PLANE)
     walls: Walls | None = _key("Contact with the wall of a lumen.", _LUMEN)
-    self_contact: SelfContact | None = _key(
-        "In motion: the body touches itself and separates again: {}.", {}
-    )
+    self_contact: SelfContact | None = _key("The body touches itself and separates again: {}.", {})
     feed: Feed | None = _key(
         "In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"}
     )

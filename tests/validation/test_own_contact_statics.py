@@ -9,6 +9,7 @@ from reference.moving import DENSITY, moving_scene
 from reference.scenes import G
 from reference.solids import ball, box
 
+from magmpm import sensitivities
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.results.result import Result
 from magmpm.scene import Scene
@@ -26,10 +27,10 @@ STRIP = {
 }
 
 
-def folded(effects: dict[str, Any], **more: Any) -> Scene:
-    """A strip whose halves a field presses together."""
+def folded(effects: dict[str, Any], *, by: float = 0.04, **more: Any) -> Scene:
+    """A strip whose halves a field of this size (T) presses together."""
     every = {"magnetic_torque": {}, "self_contact": {}, **effects}
-    field = {"uniform": [0.0, 0.0, 0.04]}
+    field = {"uniform": [0.0, 0.0, by]}
     return moving_scene({"strip": STRIP}, every, shear=30e3, field=field, **more)
 
 
@@ -61,6 +62,19 @@ def test_a_folded_strip_is_where_its_motion_comes_to_rest() -> None:
     for key in ("count", "depth"):
         told = still.contacts["self_contact"][key]
         assert told == pytest.approx(moved.contacts["self_contact"][key], rel=1e-2)
+
+
+@pytest.mark.slow
+def test_sensitivities_of_a_folded_strip_are_differences_of_runs() -> None:
+    """By the field, to 1e-5: of 1e-6 T the tip moves by some 1e-8 m, and equilibria are found to 1e-14 m; curvature is less."""
+    tight = {"solver": {"static": {"tolerance": 1e-13}}}
+    told = sensitivities(folded({}, **tight), of=["field"])
+    sides = [run(folded({}, by=0.04 + step, **tight)) for step in (1e-6, -1e-6)]
+    assert sides[0].contacts["self_contact"]["count"] == sides[1].contacts["self_contact"]["count"]
+    slope = (np.array(sides[0].tip) - np.array(sides[1].tip)) / 2e-6
+    np.testing.assert_allclose(
+        told.tip[:, told.names.index("field_z")], slope, atol=1e-5 * np.abs(slope).max()
+    )
 
 
 def test_bars_end_to_end_press_each_other_by_what_theory_says(tmp_path: Path) -> None:
