@@ -371,12 +371,17 @@ class RestingPlaces(NamedTuple):
     inverse: Array
     bend: Array
 
+    def chosen(self, on: Index) -> RestingPlaces:
+        """Return those of some pairs."""
+        chosen: list[Any] = [each[on] for each in self]
+        return RestingPlaces(*chosen)
+
 
 @compiled
-def places_at_rest(cells, solids, along_x, along_y, u, x, solid, begun, places):
-    """Complete `places`, which begin with X and cell near those sought, for points at x (n, 3) m and solids (n,); u (3 nodes,) m.
+def places_at_rest(cells, solids, strides, u, x, solid, begun, places):
+    """Complete `places`, which begin with X and cell near those sought, for points at x (n, 3) m and solids (n,).
 
-    begun (n,): the distance m, 0 or less, at which each begins to touch.
+    strides: nodes from one to the next along x and y; u (3 nodes,) m; begun (n,): the distance m, 0 or less, at which each begins to touch.
     """
     work = np.empty(24)
     F = np.empty((3, 3))
@@ -386,7 +391,7 @@ def places_at_rest(cells, solids, along_x, along_y, u, x, solid, begun, places):
         X = places.X[k]
         cell = places.cell[k]
         cell, d = _find(
-            cells, cell, along_x, along_y, u, x[k], X, solids, solid[k], work, F, inverse
+            cells, cell, strides[0], strides[1], u, x[k], X, solids, solid[k], work, F, inverse
         )
         places.cell[k] = cell
         places.depth[k] = max(begun[k] - d, 0.0)
@@ -401,7 +406,7 @@ def places_at_rest(cells, solids, along_x, along_y, u, x, solid, begun, places):
             for j in range(3):
                 g[i] += inverse[j, i] * work[21 + j]
         _curvature(solids, solid[k], X, cells.width[3 * cell], curved)
-        _less_bent(cells, cell, along_x, along_y, u, places.value[k], places.slope[k], g, curved)
+        _less_bent(cells, cell, strides, u, places.value[k], places.slope[k], g, curved)
         for i in range(3):
             for j in range(3):
                 total = 0.0
@@ -429,7 +434,7 @@ def _curvature(solids, s, X, width, out):
 
 
 @compiled
-def _less_bent(cells, cell, along_x, along_y, u, value, slope, g, out):
+def _less_bent(cells, cell, strides, u, value, slope, g, out):
     """Subtract from out (3, 3) the second derivative 1/m of g . u at the place in a cell with these splines."""
     bend = np.empty(9)
     for i in range(3):
@@ -439,7 +444,7 @@ def _less_bent(cells, cell, along_x, along_y, u, value, slope, g, out):
     for a in range(3):
         for b in range(3):
             for c in range(3):
-                k = 3 * (cells.node[cell] + a * along_x + b * along_y + c)
+                k = 3 * (cells.node[cell] + a * strides[0] + b * strides[1] + c)
                 along = g[0] * u[k] + g[1] * u[k + 1] + g[2] * u[k + 2]
                 xy = along * slope[a] * slope[3 + b] * value[6 + c]
                 xz = along * slope[a] * value[3 + b] * slope[6 + c]

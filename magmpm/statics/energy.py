@@ -227,9 +227,10 @@ class Energy:
         )
         if point.touched is not None and self.model.touching is not None:
             stiff += self.model.touching.product(point.touched, columns)
-        for k in range(count if point.own is not None else 0):
-            nodes = np.ascontiguousarray(columns[:, k]).reshape(-1, 3)
-            stiff[:, k] += point.own.product(nodes).reshape(planes, -1)
+        if point.own is not None:
+            for k in range(count):
+                nodes = np.ascontiguousarray(columns[:, k]).reshape(-1, 3)
+                stiff[:, k] += point.own.product(nodes).reshape(planes, -1)
         if self.model.layout.springs is not None:
             for k in range(count):
                 stiff[:, k] += self.model.layout.springs.gradient(

@@ -254,6 +254,11 @@ class Sensitivities:
         known = list(self.result.contacts)
         if obstacle not in known:
             raise ValueError(f"obstacle {obstacle!r} is not one of the scene's: {known}")
+        if obstacle.startswith("self_contact"):
+            raise ValueError(
+                f"obstacle {obstacle!r}: forces between parts have no derivatives here; take"
+                " differences of runs, or the force of ground or walls"
+            )
         return self._near.pushed(obstacle)
 
     def _volumes(self, region: int | None) -> Array:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects.base import Contact
@@ -109,7 +110,7 @@ class OwnContacts:
         rows, group = np.unique(self.node, axis=0, return_inverse=True)
         return rows, group.ravel()
 
-    def add_tangent(self, table: Index, group: Index, blocks: Array) -> None:
+    def add_tangent(self, table: NDArray[np.int32], group: Index, blocks: Array) -> None:
         """Add the second derivative of the energy to blocks (k, 3, 3) N/m; table (groups, 54, 54): the block of each two nodes, or -1."""
         add_pairs_tangent(
             self.share, self.lean, self.normal, self.across, self.push, table, group, blocks
@@ -195,8 +196,7 @@ class RestingPairs(SurfacePairs):
         places_at_rest(
             self.cells,
             self.solids,
-            int(self._strides[0]),
-            int(self._strides[1]),
+            (int(self._strides[0]), int(self._strides[1])),
             u.ravel(),
             x[point],
             solid,
@@ -204,9 +204,7 @@ class RestingPairs(SurfacePairs):
             places,
         )
         on = np.flatnonzero(places.depth > 0.0)
-        return self._contacts(
-            point[on], solid[on], x, RestingPlaces(*(each[on] for each in places))
-        )
+        return self._contacts(point[on], solid[on], x, places.chosen(on))
 
     def _contacts(self, point: Index, solid: Index, x: Array, at: RestingPlaces) -> OwnContacts:
         value = at.value.reshape(-1, 3, 3)

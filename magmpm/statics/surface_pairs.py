@@ -28,7 +28,6 @@ SHARE = 0.25  # of the stiffness, where both bodies have points, and both give
 REACH = float(
     np.hypot(2 * MOVE, BETWEEN)
 )  # cells from the nearest point of a surface up to which a point is listed
-PASSED = 0.5  # cells that a point may go into another surface in one step: half of what is listed
 
 
 class SurfacePairs:
@@ -141,11 +140,11 @@ class SurfacePairs:
     def share(self, x: Array, way: Array) -> float:
         """Share, at most 1, of a way (n, 3) m from places x (n, 3) m on which no point can come past another surface unseen.
 
-        In its course no two patches that share no node approach each other by more than what is between them, and PASSED cells.
+        In its course no two patches that share no node approach each other by more than what is between them, and MOVE cells.
         """
         center, radius = self._balls(x)
         mean, spread = self._balls(way)
-        return float(_clear(self._patches[2], center, radius, mean, spread, PASSED * self.cell))
+        return float(_clear(self._patches[2], center, radius, mean, spread, MOVE * self.cell))
 
 
 def _solid_cells(model: Model, still: bool) -> tuple[SolidCells, Index, Index]:

@@ -132,10 +132,11 @@ class Sparse:
         places = np.where(nodes >= 0, self._layout.places_of(nodes), -1)
         if len(places) and not len(self._coupled):
             self._coupled = np.zeros((0, places.shape[1]), np.int64)
-        known = len(self._coupled)
-        both = np.unique(np.concatenate([self._coupled, places]), axis=0) if len(places) else []
-        if len(both) > known:
-            self._coupled = np.asarray(both)
+        both = self._coupled
+        if len(places):
+            both = np.unique(np.concatenate([both, places]), axis=0)
+        if len(both) > len(self._coupled):
+            self._coupled = both
             order = self._layout.eliminated([self._coupled])
             for name in ("_own", "_unknowns"):
                 self.__dict__.pop(name, None)
