@@ -222,7 +222,9 @@ def begun(solids, solid, place):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _nearest(pairs, cell, center, radius, first, order, x, free, reach):  # type: ignore[no-untyped-def]
+def _nearest(  # type: ignore[no-untyped-def]
+    pairs, cell, center, radius, first, order, x, free, reach
+):
     """Rows (p, q, distance m): of each free point p of a patch the nearest point q of the other, for each of the pairs (k, 2) both ways.
 
     Patches of one component that share a node are left out, and those whose balls are too far from each other.
