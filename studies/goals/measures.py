@@ -218,6 +218,13 @@ class ContactForce(Smooth):
 
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
         assert answer.result is not None
+        if self.of.startswith("self_contact"):
+            raise InputError(
+                f"{at}.with",
+                received=repr(self.of),
+                rule="forces between parts of the body have no derivatives",
+                remedy="write `sampler: tpe`, or name ground or walls",
+            )
         force = np.array(answer.result.contacts[self.of]["force"])
         toward = force / max(float(np.linalg.norm(force)), 1e-300)
         return np.asarray(toward @ of.force(self.of))

@@ -252,8 +252,6 @@ SURROUNDINGS = [
     effect("tube without its table", "walls: {tube: {radius: 5 mm, path: vessel.csv}}", "walls.tube.path", '"vessel.csv"', "no such file"),
     effect("tube along a bad table", "walls: {tube: {radius: 5 mm, path: shape.csv}}", "walls.tube.path", '"shape.csv"', "shape.csv:3",
            "4 numbers, in mm", table=TABLE.replace("20,20", "20,twenty")),
-    effect("self-contact of segments that act on each other", "self_contact: {}, magnetic_interaction: {}", "self_contact", "{",
-           "has no equilibria with magnetic_interaction", "solver: {dynamic: {duration"),
     effect("self-contact that pulls", "self_contact: {friction: -0.3}", "self_contact.friction", "-0.3", "must be at least 0"),
     effect("feed without exit", "feed: {speed: 5 mm/s}", "feed.exit", "nothing", "is required", "`exit: 10 mm`"),
     effect("feed per minute mistaken", "feed: {speed: 5 mm, exit: 10 mm}", "feed.speed", '"5 mm"', "is not a unit of speed", '"5 mm/s"'),
