@@ -232,8 +232,10 @@ class EquilibriumPath:
             point, lowest = (None, None) if mode is None else (point, mode[0])
         if point is None:
             return None
-        if energy.clear_share(self.now.point.grid, point.grid - self.now.point.grid) < 1.0:
-            return None
+        if model.pairs is not None:  # and is not fed: its grid stays
+            way = point.grid - self.now.point.grid
+            if energy.clear_share(self.now.point.grid, way) < 1.0:
+                return None
         if (lost := outside_domain(model, point)) is not None:
             raise LeftField(lost.reason)
         return Reached(target, point, lowest, self._near.spent, self.now.step)
