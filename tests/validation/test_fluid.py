@@ -250,12 +250,9 @@ def test_a_strip_swims_as_resistive_force_theory_says(tmp_path: Path) -> None:
     motion = Motion.load(tmp_path)
     on = np.argsort(motion.reference[:, 0])
     groups = np.array_split(on, 40)
-    x = np.array(
-        [
-            [np.average(motion.position(k)[g], axis=0, weights=motion.volume[g]) for g in groups]
-            for k in range(len(motion.times))
-        ]
-    )[:, :, [0, 2]]
+    frames = [motion.position(k) for k in range(len(motion.times))]
+    middle = [np.average([f[g] for f in frames], axis=1, weights=motion.volume[g]) for g in groups]
+    x = np.stack(middle, axis=1)[:, :, [0, 2]]
     cycle = motion.times >= 0.1 - 1e-9  # the last one
     speed = swum(x, motion.times, mu, 1e-3, 0.5e-3)[cycle]
     theory = np.trapezoid(speed, motion.times[cycle], axis=0) / 0.1
