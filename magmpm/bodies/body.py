@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from magmpm.bodies.assembly import Parts
 from magmpm.bodies.body_shape import BodyShape
-from magmpm.bodies.catheter import Catheter
+from magmpm.bodies.catheter import Catheter, Tube
 from magmpm.bodies.strip import Strip
 from magmpm.inputs.settings import Settings, fault, standing_for
 
@@ -55,6 +55,12 @@ class Body(Settings):
     def _of_a_shape(cls, data: Any) -> Any:
         """A catheter, strip or parts made in Python stands for the body with that key."""
         return standing_for(data, {Catheter: "catheter", Strip: "strip", Parts: "parts"})
+
+    @field_validator("catheter", mode="before")
+    @classmethod
+    def _of_a_tube(cls, catheter: Any) -> Any:
+        """A tube is the catheter with its settings, as files have it."""
+        return catheter.model_dump(exclude_unset=True) if isinstance(catheter, Tube) else catheter
 
     @model_validator(mode="after")
     def _one(self) -> Body:

@@ -1,6 +1,7 @@
 """Scenes made of Python objects: those of files, refused in the same words."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -99,11 +100,14 @@ def test_sources_of_a_field_add_up() -> None:
     assert bent(field=dipole).field.dipole == (dipole,)
 
 
-def test_a_tube_is_a_catheter_with_a_bore() -> None:
-    sizes = {"length": "40 mm", "diameter": "4 mm", "material": "m", "segments": [Segment()]}
+def test_a_tube_is_a_catheter_with_a_bore(tmp_path: Path) -> None:
+    sizes = {"length": "40 mm", "diameter": "4 mm", "material": "silicone", "segments": [Segment()]}
     tube = Tube(**sizes, inner_diameter="2 mm")
     assert tube.hollow
-    assert Catheter(**sizes, inner_diameter="2 mm").model_dump() == tube.model_dump()
+    scene = Scene(name="tube", materials=SILICONE, body=tube)
+    catheter = Catheter(**sizes, inner_diameter="2 mm")
+    assert scene == Scene(name="tube", materials=SILICONE, body=catheter)
+    assert load_scene(scene.save(tmp_path / "tube.yaml")) == scene
 
 
 @pytest.mark.parametrize(
