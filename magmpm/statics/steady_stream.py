@@ -36,7 +36,7 @@ def in_stream(
     load of the drag. Raises SolveError, with the last point as its state, where drag and shape don't settle.
     """
     options = model.scene.solver.static
-    near = 1e-7 * model.scene.length  # m: a hundredth of the rounding of a shape in files
+    near = 1e-7 * model.scene.length  # m: by so little may a whole step still move the body
     steps = 0
     at = _at_pieces(model)
     load = np.zeros(energy.alone.shape)
@@ -53,7 +53,7 @@ def in_stream(
         left = _drag(model, of, at, energy.alone, restore(point)) - load
         change = left - before
         size = float(np.sum(change * change))
-        if moved <= near:
+        if moved <= near * min(1.0, abs(share)):  # a short step moves it by less
             return replace(last, point=point, steps=steps)
         share *= -float(np.sum(before * change)) / size if size > 0.0 else 1.0
     raise SolveError(

@@ -128,7 +128,7 @@ class Turn(Smooth):
         return float(turned.as_rotvec() @ np.array(self.about))
 
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
-        """Of the rotation R of the polar decomposition R P of the moment M, and of its vector r.
+        """Change of the rotation R of the polar decomposition R P of the moment M, and of its vector r.
 
         dR = R W, with the skew part of R^T dM = (W P + P W) / 2: w = (tr P - P)^-1 a, a the axial vector of R^T dM - (R^T dM)^T. Then dr is
         w by the inverse of the right Jacobian of SO(3) (Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2, sec. 10.8.2).
