@@ -261,7 +261,7 @@ COMMANDS = {
         "the body's rest, by an estimate, and what it adds to a time step.",
         (
             _SCENE,
-            _flag("--quick", "leave out the costs, which are counted"),
+            _flag("--quick", "leave out the costs, which are timed"),
             _flag("--all", "a row for each effect, those that do not matter here too"),
             _JSON,
         ),

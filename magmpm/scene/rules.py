@@ -423,9 +423,9 @@ def _left_unmagnetized(scene: SceneLike) -> list[str]:
         ):
             bare.setdefault(region.material_name, []).append(dotted(("body", *region.at)))
     return [
-        f"{', '.join(keys)}: not magnetized, [0, 0, 0], though {name} has a remanence of"
-        f" {quantity(scene.materials[name].remanence, 'T')}; give a direction, or a material"
-        " without remanence"
+        f"{', '.join(keys)}: not magnetized, though {name} has a remanence of"
+        f" {quantity(scene.materials[name].remanence, 'T')}; give a direction, say"
+        " `magnetization: [1, 0, 0]`, or a material without remanence"
         for name, keys in bare.items()
     ]
 

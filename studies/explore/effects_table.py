@@ -20,7 +20,7 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects
 from magmpm.solving.influence import Variants, advise, has_densities, motion_seconds
-from magmpm.studies.explore.effects_costs import counted
+from magmpm.studies.explore.effects_costs import costs
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def _mm(way: float | None) -> str:
 def survey(
     scene: Scene, *, measure: bool = True, error: float | None = None, only: str | None = None
 ) -> EffectsTable:
-    """Every available effect, or only one, in this scene. measure: count costs too, else cost_percent is None. error: m, what the answer
+    """Every available effect, or only one, in this scene. measure: time the costs too, else cost_percent is None. error: m, what the answer
     may be off by; what the scene's resolution requests, or 1 % of the length, unless given.
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
@@ -302,7 +302,7 @@ def survey(
     ):  # that can't begin, as by model.build
         bare = build(scene.model_copy(update={"effects": Effects()}))
         effects.check(replace(bare, scene=scene))
-    spent = counted(scene) if measure else {}
+    spent = costs(scene) if measure else {}
     runs = Variants(scene, error)
     rows = []
     still = Variants(without_motion(scene), error)

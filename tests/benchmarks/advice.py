@@ -7,7 +7,6 @@ calls. self_contact is not tried: it acts in motion alone, and on bodies that fo
 
     python tests/benchmarks/advice.py [FIRST LAST]     # scenes FIRST to LAST - 1, added to runs/bench-advice/calls.jsonl
     python tests/benchmarks/advice.py report           # what these say
-    python tests/benchmarks/advice.py costs            # counted costs against measured ones, on an idle machine
 """
 
 import json
@@ -18,14 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from motion_rates import measured
 
 from magmpm.errors import MagmpmError
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
 from magmpm.scene import Scene
 from magmpm.solving.influence import Variants, variants
-from magmpm.studies.explore.effects_costs import counted
 from magmpm.studies.explore.effects_table import survey
 
 # fixed before the first run
@@ -192,22 +189,10 @@ def report() -> None:
     )
 
 
-def costs() -> None:
-    """Counted costs of a step beside those measured by short runs in pairs on one thread, of a catheter in motion."""
-    scene = drawn(2)
-    for key, guess in counted(scene).items():
-        try:
-            print(f"{key:22} counted {guess:6.1f} %  measured {measured(scene, key):6.1f} %")
-        except MagmpmError:
-            continue
-
-
 def main() -> None:
     """As the first lines of this file say."""
     given = sys.argv[1:]
-    if given == ["costs"]:
-        costs()
-    elif given == ["report"]:
+    if given == ["report"]:
         report()
     else:
         first, last = (int(one) for one in given) if given else (0, SCENES)

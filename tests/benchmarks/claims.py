@@ -215,16 +215,6 @@ def promised() -> Figures:
     return found
 
 
-def effects_costs() -> Figures:
-    """Cost of each effect for a catheter in motion, %."""
-    from magmpm.studies.explore.effects_costs import counted
-
-    return {
-        name: round(percent)
-        for name, percent in counted(importlib.import_module("advice").drawn(2)).items()
-    }
-
-
 def insertion() -> Figures:
     """Body rms and exit error (mm) of the first trajectory of both paths."""
     import tempfile

@@ -17,13 +17,15 @@ from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.kernels.watch import unlimited
 from magmpm.model import Model, build
 from magmpm.scene import Scene, load_scene
-from magmpm.studies.explore.effects_costs import _records, counted
+from magmpm.studies.explore.effects_costs import added_percent, costs, stepping
 
 SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
 # steps of one measurement; number of measurements, and of pairs of them
 SECONDS = 0.25
 REPEATS = 9
 PAIRS = 5
+PAIRED = 60  # pairs of short runs for the cost of an effect
+STEPS = 5  # of each of these
 SETTLING = 2000  # steps until the body is bent and moves
 
 
@@ -114,7 +116,7 @@ def effect_costs() -> dict[str, float]:
     Contact is also measured for a body that touches: with the ground through the body, so that a quarter of its particles is in contact,
     and in a tube narrower than the body, so that its whole surface is in contact."""
     lying = scene()
-    found = {key: measured(lying, key) for key in counted(lying)}
+    found = costs(lying)
     radius = lying.thickness / 2
     bare = build(lying)  # scenes whose bodies begin inside the ground or a wall are refused
     touching = {
@@ -145,30 +147,10 @@ def touching_share(touches: Scene, effect: str) -> float:
     return float(contact_of(named, at_rest(x))["count"]) / len(x)
 
 
-# Time that an effect adds to a step, by short runs in pairs on one thread: a busy machine disturbs them little.
-# pairs of short runs; s, each; s, a step in which nothing moves
-PAIRED = 60
-PART = 0.004
-STILL = 1e-12
-
-
-def measured(scene: Scene, key: str, model: Model | None = None) -> float:
-    """Percent of a bare step, at the scene's settings of the effect or else at its key's example. Raises MagmpmError where it can't act.
-
-    model: of the scene, or of one with the same body."""
-    model = model or build(scene)
-    records = _records(scene, key)
-    motion = TotalMotion(replace(model, effects=records))
-    bare = TotalMotion(replace(model, effects=()))
+def measured(scene: Scene, key: str, model: Model) -> float:
+    """Percent that an effect of the scene adds to a bare step; model: of a scene with the same body that the effect does not refuse."""
+    records = tuple(scene.effects.named()[key].records(scene, 1.0, np.zeros(1)))
+    ours = stepping(replace(model, effects=records))
+    plain = stepping(replace(model, effects=()))
     numba.set_num_threads(1)
-    motion.advance(1, STILL, records)
-    bare.advance(1, STILL, ())
-    steps = int(np.clip(PART / _short(bare, 1, ()), 2, 1000))
-    pairs = [_short(motion, steps, records) / _short(bare, steps, ()) for _ in range(PAIRED)]
-    return 100 * (float(np.median(pairs)) - 1)
-
-
-def _short(motion: TotalMotion, steps: int, records: Any) -> float:
-    begun = time.thread_time()
-    motion.advance(steps, STILL, records)
-    return time.thread_time() - begun
+    return added_percent(lambda: ours(STEPS), lambda: plain(STEPS), pairs=PAIRED)

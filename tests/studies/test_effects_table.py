@@ -20,7 +20,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.solving.influence import Variants, advise
-from magmpm.studies.explore.effects_costs import counted
+from magmpm.studies.explore.effects_costs import costs
 from magmpm.studies.explore.effects_table import EffectRow, needs, survey
 
 FIELD = (0.0, 0.0, 3e-3)
@@ -58,9 +58,9 @@ def test_every_effect_has_its_row() -> None:
 def test_scenes_that_ask_for_an_error_or_a_time(resolution: dict[str, float]) -> None:
     """Advice is for the error asked for; all else is that of the coarsest grid, which such a run tries first."""
     plain = rod_scene(field=FIELD)
-    table = survey(Scene.from_si({**plain.to_si(), "resolution": resolution}))
+    table = survey(Scene.from_si({**plain.to_si(), "resolution": resolution}), measure=False)
     assert table.error_m == pytest.approx(resolution.get("error", 0.01) * plain.length)
-    same = survey(plain.with_cells(2), error=table.error_m)
+    same = survey(plain.with_cells(2), error=table.error_m, measure=False)
     assert [asdict(row) for row in table.effects] == [asdict(row) for row in same.effects]
 
 
@@ -102,27 +102,18 @@ def test_damping_is_advised_from_the_first_frequency() -> None:
     assert f"{2 * frequency:.3g} 1/s settles" in why
 
 
-def test_costs_are_counted_and_always_the_same() -> None:
-    """Costs of a catheter in motion, from pairs of short runs (tests/benchmarks/advice.py costs): torque 7, gravity 3, viscosity 40, walls
-    that it does not touch 4, damping 3 % of a step; counted within 3 %, or a third of them, and the same every time. At rest nothing adds
-    a thousandth, but the segments on each other."""
-    scene = moving_scene(BODY, {"damping": {"rate": 60.0}}, field={"uniform": [0.0, 0.0, 3e-3]})
-    found = counted(scene)
-    for key, measured in (
-        ("magnetic_torque", 7.0),
-        ("gravity", 3.0),
-        ("viscosity", 40.0),
-        ("walls", 3.7),
-        ("damping", 3.0),
-    ):
-        assert found[key] == pytest.approx(measured, abs=3.0, rel=0.33), key
-    assert counted(scene) == found
-    assert "self_contact" not in found
-    still = counted(
+def test_costs_of_what_can_act() -> None:
+    """In motion every effect that this body can have is timed, and one that its example does not fit is not; at rest, what acts at rest.
+
+    How much each costs is for `make bench`: a test that times fails on a busy machine."""
+    found = costs(moving_scene(BODY, {"damping": {"rate": 60.0}}, field={"uniform": [0, 0, 3e-3]}))
+    assert {"magnetic_torque", "gravity", "viscosity", "walls", "damping"} <= found.keys()
+    assert all(np.isfinite(percent) for percent in found.values())
+    still = costs(
         rod_scene(field=FIELD, directions=[[1, 0, 0], [1, 0, 0]], density=None, tolerance=1e-9)
     )  # type: ignore[arg-type]
-    assert still["magnetic_torque"] < 1.0
-    assert still["magnetic_interaction"] > 50.0
+    assert {"magnetic_torque", "magnetic_interaction"} <= still.keys()
+    assert not {"damping", "viscosity"} & still.keys()
 
 
 def test_the_command(tmp_path: Path, told) -> None:
@@ -218,23 +209,6 @@ def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, told) -> None:
         assert told(*command, status=2, says=says).out == ""
 
 
-def test_contact_that_touches_is_counted_with_its_friction() -> None:
-    """A ground through the body: half of its particles touch, and cost more than where none does."""
-    body = {
-        "catheter": {
-            "length": 12e-3,
-            "diameter": 4e-3,
-            "material": "m",
-            "segments": [{"magnetization": [1, 0, 0]}],
-        }
-    }
-    costs = [
-        counted(having(moving_scene(body, {}), ground={"point": ["0 mm", "0 mm", z]}))["ground"]
-        for z in ("-1 m", "0 mm")
-    ]
-    assert costs[1] > 3 * costs[0]
-
-
 def strip(width: float, clamp: str = "base", shear: float = 7e6, length: float = 20e-3) -> Scene:
     """A strip 1 mm thick, magnetized along its length, across a field of 1 mT; where both ends are held, one half against the other."""
     body = {"length": length, "width": width, "thickness": 1e-3, "material": "m", "clamp": clamp}
@@ -273,7 +247,7 @@ def test_more_blocks_than_may_act_on_each_other_cost_nothing_that_is_not_named()
     """A wide strip has 3 200 blocks, more than magnetic_interaction takes: it is not named, and its table is made."""
     (found,) = survey(strip(40e-3), only="magnetic_interaction").effects
     assert found.advice == "irrelevant"
-    assert counted(strip(40e-3))["magnetic_torque"] > 0.0
+    assert "magnetic_interaction" not in costs(strip(40e-3))
 
 
 def test_a_motion_that_takes_too_long_is_judged_by_its_first_part() -> None:
