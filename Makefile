@@ -53,11 +53,11 @@ $(BIN)/python:
 
 setup: $(VENV)/.ready
 $(VENV)/.ready: setup.py setup.cfg pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,magnets,cmaes,dashboard]'
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[all]'
 	@touch $@
 
 $(VENV)/.ready-test: $(VENV)/.ready
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,magnets,cmaes,dashboard,test]'
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[all,test]'
 	@touch $@
 
 design: $(VENV)/.ready

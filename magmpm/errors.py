@@ -5,9 +5,11 @@ Such numbers have significant digits, a fitting prefix, and no "-0", in messages
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import re
+import sys
 from collections.abc import Iterable
 from typing import Any
 
@@ -116,6 +118,55 @@ class SceneError(InputError):
             f"{place}: {found}" if received is None else f"{place}: received {received}; {found}",
             rule=rule,
             remedy=remedy,
+        )
+
+
+class MissingPackage(SceneError):
+    """An optional package is not installed; the message names the extra that brings it."""
+
+
+def installed(package: str) -> bool:
+    """True if a package can be imported, by its import name; it is not imported."""
+    if package in sys.modules:
+        return sys.modules[package] is not None
+    try:
+        return importlib.util.find_spec(package) is not None
+    except ModuleNotFoundError:  # what a dotted name begins with is missing
+        return False
+
+
+def install(extra: str) -> str:
+    """The command that installs an extra of magmpm, for remedies."""
+    return f"pip install 'magmpm[{extra}]'"
+
+
+def require(package: str, extra: str, *, key: str, use: str, instead: str = "") -> None:
+    """Check that an optional package is installed, before anything that needs it begins.
+
+    Parameters
+    ----------
+    package : str
+        Its import name.
+    extra : str
+        Extra of magmpm that brings it (setup.cfg).
+    key : str
+        Key, command or function that the user has named.
+    use : str
+        What needs the package, as the subject of a sentence in the plural.
+    instead : str, optional
+        Another remedy.
+
+    Raises
+    ------
+    MissingPackage
+        If it is not installed.
+    """
+    if not installed(package):
+        raise MissingPackage(
+            key,
+            found=f"{use} need the package {package}, which is not installed",
+            rule=f"it belongs to the extra `{extra}` of magmpm",
+            remedy=f"{install(extra)}, or {instead}" if instead else install(extra),
         )
 
 

@@ -15,6 +15,7 @@ from magmpm.results import notices
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
+from magmpm.results.trajectory import frame_files
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, of_file, remedies
 from magmpm.scene.coarsest import coarsest_cells
@@ -120,7 +121,8 @@ def _saved_run(
     """The run itself, saved where a folder is given."""
     if folder is None:
         return simulated(scene, start=start, on_progress=on_progress, on_begin=on_begin)
-
+    if scene.in_time:
+        frame_files()  # before the folder is made
     begun = resume
 
     def begin() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.effects import acting as effects
-from magmpm.errors import InputError, length
+from magmpm.errors import InputError, length, require
 from magmpm.inputs.yaml_document import of_file
 from magmpm.results import notices
 from magmpm.scene import Scene, load_scene
@@ -19,7 +19,6 @@ from magmpm.studies.explore.effects_table import EffectRow, EffectsTable, survey
 from magmpm.studies.fitting.search import Fit
 from magmpm.studies.goals.goal_study import has_goal, load_goal
 from magmpm.studies.goals.report import GoalReport
-from magmpm.studies.goals.search import search
 from magmpm.studies.goals.sweep import sweep
 from magmpm.studies.problem.study import Study
 
@@ -47,6 +46,7 @@ def design(
     given as MagmpmWarning, once a study.
     Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept; TypeError for an unknown option.
     """
+    require("optuna", "design", key="magmpm.design", use="studies")
     if isinstance(study, (str, Path)) and has_goal(study):
         return _for_goal(study, folder, trials, sampler, progress, more)
     from magmpm.simulate import run, sensitivities
@@ -97,6 +97,8 @@ def _for_goal(
     more: Mapping[str, Any],
 ) -> GoalReport:
     """`design` of a study with a goal. Raises TypeError for options that it has not."""
+    from magmpm.studies.goals.search import search
+
     found = load_goal(study)
     unknown = set(more) - {"workers", "storage", "on_trial"} | ({"sampler"} if sampler else set())
     if unknown:

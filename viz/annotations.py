@@ -393,10 +393,10 @@ class Page:
 
 @functools.lru_cache(maxsize=16)
 def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
+    readable.require("matplotlib", "render", key="pictures", use="texts of pictures")
     spec = importlib.util.find_spec("matplotlib")
-    if spec is None or spec.origin is None:
-        raise ModuleNotFoundError("the pictures' fonts are matplotlib's: pip install matplotlib")
-    fonts = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
+    assert spec is not None
+    fonts = Path(str(spec.origin)).parent / "mpl-data" / "fonts" / "ttf"
     return ImageFont.truetype(
         str(fonts / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")), size
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.errors import RenderError
+from magmpm.errors import RenderError, install, installed
 from magmpm.viz import style
 from magmpm.viz.camera import Framing
 from magmpm.viz.layout import page_of
@@ -21,9 +20,7 @@ from magmpm.viz.worker import Renderer
 if TYPE_CHECKING:
     from magmpm.viz.from_motion import MotionRenderer
 
-NO_FFMPEG = (
-    "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install 'magmpm[render]'."
-)
+NO_FFMPEG = f"imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: {install('render')}."
 
 # A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
 _LASTS = 6.0
@@ -188,9 +185,7 @@ def _even(size: tuple[int, int]) -> None:
 
 def _ready(path: str | Path) -> Path:
     """The path with the ending of what can be written, its folder made."""
-    path = Path(path).with_suffix(
-        ".gif" if importlib.util.find_spec("imageio_ffmpeg") is None else ".mp4"
-    )
+    path = Path(path).with_suffix(".mp4" if installed("imageio_ffmpeg") else ".gif")
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
 

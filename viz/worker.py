@@ -7,7 +7,6 @@ matplotlib draws that picture.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import pickle
 import threading
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.process import Died, Process, with_threads
-from magmpm.errors import InputError, RenderError, report
+from magmpm.errors import InputError, RenderError, install, installed, report, require
 from magmpm.viz.camera import Framing
 from magmpm.viz.layout import Layout, page_of
 from magmpm.viz.snapshot import Snapshot
@@ -46,8 +45,8 @@ DOES_NOT_START = (
     "OpenGL without a display needs: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
 )
 NO_PYVISTA = (
-    "PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install"
-    " 'magmpm[render]'."
+    "PyVista is not installed, so matplotlib draws the pictures; for PyVista's:"
+    f" {install('render')}."
 )
 GAVE_UP = (
     "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from"
@@ -295,8 +294,10 @@ class Renderer:
     def _started(self) -> Worker:
         """The worker, whether ready or still starting."""
         if self._worker is None:
-            if self.backend == "pyvista" and importlib.util.find_spec("pyvista") is None:
+            if self.backend == "pyvista" and not installed("pyvista"):
                 self._fall_back(NO_PYVISTA)
+            if self.backend == "matplotlib":
+                require("matplotlib", "render", key="pictures", use="pictures without PyVista")
             self._worker = Worker(
                 self.backend, self._windows[0] if self.backend == "pyvista" else None
             )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError
+from magmpm.errors import InputError, require
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -52,6 +52,7 @@ def shells_of(vertices: Array, faces: Index) -> tuple[list[Manifold], Index]:
 
 
 def _solid(vertices: Array, faces: Index) -> Manifold:
+    require("manifold3d", "parts", key="mesh", use="closed meshes")
     from manifold3d import Error, Manifold, Mesh64  # only where a scene has a mesh
 
     solid = Manifold(

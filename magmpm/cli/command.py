@@ -4,6 +4,7 @@ Exit status: 0 done; 2 the input is wrong; 3 the run ended unstable or unconverg
 1 anything else. arguments.py says what can be typed; a command's module is imported only to run it: `--help` answers at once.
 """
 
+import argparse
 import os
 import sys
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from importlib import import_module
 
 from magmpm.cli.arguments import parser
 from magmpm.compiled.environment import refuse_unusable
-from magmpm.errors import MagmpmError, SolveError
+from magmpm.errors import MagmpmError, SolveError, require
 from magmpm.inputs.user_files import VARIABLE
 from magmpm.results.whole_file import REFUSED, explained
 
@@ -30,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         refuse_unusable()
         if getattr(options, "allow_outside", False):
             os.environ[VARIABLE] = os.sep
+        _require_packages(options, given[0])
         module, function = options.command.split(".")
         status: int = getattr(import_module(f"magmpm.cli.{module}"), function)(options)
         return status
@@ -44,6 +46,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except OSError as error:  # a disk that is full, a folder that went away
         return _say(f"magmpm: {explained(error)}", 2 if error.errno in REFUSED else 1)
+
+
+def _require_packages(options: argparse.Namespace, name: str) -> None:
+    """Raise MissingPackage if a command needs an optional package that is not installed, before it begins."""
+    drawing = ("matplotlib", "render", "pictures")
+    needed = {
+        "design.command": ("optuna", "design", "studies"),
+        "report.command": ("optuna", "design", "studies"),
+        "fit.command": drawing,
+        "render.command": drawing,
+        "tables.accuracy": drawing,
+        "tables.tip_map": drawing,
+    }
+    if options.command in needed:
+        package, extra, use = needed[options.command]
+        require(package, extra, key=name, use=use)
+    if getattr(options, "render", False):
+        require("matplotlib", "render", key=f"{name} --render", use="pictures")
 
 
 def _say(message: str, status: int) -> int:

@@ -9,7 +9,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 from magmpm.cli.answers import is_study
 from magmpm.cli.design import saved_report
 from magmpm.cli.goals import saved_goal
-from magmpm.errors import InputError
+from magmpm.errors import InputError, require
 from magmpm.inputs.page_guard import LOOPBACK, Guard, GuardedHandler, GuardedServer
 from magmpm.results.folder_lock import refuse_links
 
@@ -38,8 +38,6 @@ def _url(saved: str, option: str | None) -> str:
 
 def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
-    from importlib.util import find_spec
-
     from magmpm.studies.problem import REPORT
 
     folder = Path(options.folder)
@@ -51,10 +49,7 @@ def command(options: argparse.Namespace) -> int:
         )
     if not 0 < port < 65536:
         raise InputError(f"--port: received {port}; must be between 1 and 65535")
-    if find_spec("optuna_dashboard") is None:
-        raise InputError(
-            "optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'"
-        )
+    require("optuna_dashboard", "dashboard", key="dashboard", use="its pages")
     import optuna  # what reads trials and serves them, after the checks
     from optuna_dashboard import wsgi
 

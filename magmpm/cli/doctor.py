@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.cli.answers import print_summary
+from magmpm.errors import installed
 
 OK = "ok"
 WARN = "warning"
@@ -31,11 +32,15 @@ PATIENCE = {
     "self-test": 600.0,
 }  # s: a cold self-test compiles kernels
 EXTRAS_FOR = {
-    "render": "pictures by PyVista, and movies",
-    "magnets": "fields of magnets of any shape",
+    "design": "design studies, with plots",
+    "motion": "saved motions, and progress bars",
+    "parts": "STL parts and walls",
+    "magnets": "fields of magnets and coils of any shape",
+    "units": "units beyond those of docs/install.md",
+    "render": "pictures and movies",
     "dashboard": "magmpm dashboard",
     "report": "magmpm report as PDF",
-    "cmaes": "the sampler cmaes",
+    "dataframe": "tables as pandas.DataFrame",
     "gp": "the sampler gp by Optuna",
     "postgresql": "studies in PostgreSQL",
     "grpc": "studies through Optuna's gRPC proxy",
@@ -215,7 +220,7 @@ def _extras() -> Iterator[Check]:
     """The optional parts in one list, and a warning for a library that is there but too old."""
     extras: dict[str, list[_Needed]] = {}
     for needed in _needed():
-        if needed.extra:
+        if needed.extra and needed.name != "magmpm":  # an extra that takes in another one
             extras.setdefault(needed.extra, []).append(needed)
     absent = []
     for extra, all_needed in extras.items():
@@ -374,6 +379,10 @@ with Renderer() as renderer:
 
 def _opengl() -> Check:
     """Find out which renderer draws: tried in a process, since a missing OpenGL library is a segmentation fault."""
+    if not installed("matplotlib"):
+        return Check(
+            "OpenGL", OK, "not tried: pictures need the extra render", _install("[render]")
+        )
     printed, failure = _tried([sys.executable, "-c", _OPENGL], PATIENCE["opengl"])
     if failure:
         remedy = "apt-get install libegl1 libgl1-mesa-dri; or set MAGMPM_RENDER=matplotlib"

@@ -25,6 +25,7 @@ from magmpm.results.file_names import CHECKPOINT, EARLIER
 from magmpm.results.motion_tables import jump_in_words
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
+from magmpm.results.trajectory import frame_files
 from magmpm.scene import Scene, load_progress, load_scene
 from magmpm.scene.notebook import PARTS
 from magmpm.scene.time_limit import limited
@@ -33,6 +34,9 @@ from magmpm.scene.time_limit import limited
 def command(options: argparse.Namespace) -> int:
     """Simulate a scene file, save the result, and draw it if requested. Returns the exit status."""
     scene = load_scene(options.scene)
+    if scene.in_time:
+        with of_file(options.scene):
+            frame_files()
     if options.render:
         from magmpm.viz.worker import forced_backend
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import SceneError
+from magmpm.errors import require
 from magmpm.fields.dipole import POINT
 from magmpm.fields.schedule import places, sample_times
 from magmpm.fields.sources import Dipole, FieldSource, Magnet
@@ -158,7 +158,7 @@ def polarization(magnet: Magnet) -> Array:
 
 
 def exact(field: FieldSource) -> Any:
-    """The exact field: points (n, 3) m in the sources' frame -> B (n, 3) T. Raises SceneError where magpylib is not installed."""
+    """The exact field: points (n, 3) m in the sources' frame -> B (n, 3) T. Raises MissingPackage without magpylib."""
     magpylib = _library()
     from scipy.spatial.transform import Rotation
 
@@ -197,20 +197,15 @@ def exact(field: FieldSource) -> Any:
 
 
 def _library() -> Any:
-    try:
-        import magpylib
-    except ImportError:
-        raise SceneError(
-            "field",
-            found=(
-                "magnets and coils of finite size need the library magpylib, which is not installed"
-            ),
-            rule="field.magnet and field.coils are computed by magpylib",
-            remedy=(
-                "pip install 'magmpm[magnets]' (or pip install magpylib), or use "
-                "field.dipole, which needs nothing"
-            ),
-        ) from None
+    require(
+        "magpylib",
+        "magnets",
+        key="field",
+        use="field.magnet and field.coils",
+        instead="use field.dipole, which needs no package",
+    )
+    import magpylib
+
     return magpylib
 
 

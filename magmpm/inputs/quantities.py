@@ -14,7 +14,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
-from magmpm.errors import InputError, quantity
+from magmpm.errors import InputError, install, installed, quantity
 
 # pi to 50 digits: degrees keep an exact rational factor, rounded once with the number
 _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
@@ -210,6 +210,12 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
     write = f'use a unit such as in "{kind.example}"'
     if _ABSURD_UNIT.search(unit) or len(unit) > MOST_UNIT:
         raise BadQuantity(f'"{unit[:MOST_UNIT]}" is not a unit', write)
+    if not installed("pint"):
+        raise BadQuantity(
+            f'"{unit}" is not one of {", ".join(kind.plain)}; other units need the package pint,'
+            " which is not installed",
+            _nearest_unit(unit, kind) or f"write one of these, or {install('units')}",
+        )
     registry = _registry()
     import pint
 

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from types import FrameType, TracebackType
 from typing import Any
 
-from magmpm.errors import MagmpmError, quantity
+from magmpm.errors import MagmpmError, installed, quantity, require
 
 log = logging.getLogger("magmpm")
 log.addHandler(logging.NullHandler())
@@ -100,14 +100,17 @@ class Watched:
     unit : str
         Of `total`, such as "s" or "trials".
     progress : bool, optional
-        Whether a bar is wanted, at once; None: after a second where someone sees it (`shows_bars`).
+        Whether a bar is wanted, at once; None: after a second where someone sees it (`shows_bars`) and tqdm is installed.
     """
 
     def __init__(self, title: str, total: float | None, unit: str, progress: bool | None) -> None:
         self._title = title
         self._total = total
         self._unit = unit
-        self._shown = shows_bars(progress, seen=sys.stderr.isatty() or _in_notebook())
+        seen = sys.stderr.isatty() or _in_notebook()
+        self._shown = shows_bars(progress, seen=seen and installed("tqdm"))
+        if self._shown:
+            require("tqdm", "motion", key="progress", use="progress bars")
         self._delay = 0.0 if progress else DELAY
         self._bar: Any = None
         self._logged = time.monotonic()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.assembly import different_names
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, count, length, lengths, quantity, report
+from magmpm.errors import InputError, count, length, lengths, quantity, report, require
 from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.file_names import ARRAYS, NUMBERS
 from magmpm.results.whole_file import whole_file, write_json
@@ -259,7 +259,8 @@ class Result:
 
         Raises InputError where pandas is not installed.
         """
-        frame = _needed("pandas", "pip install pandas").DataFrame
+        require("pandas", "dataframe", key="to_dataframe", use="tables")
+        frame = import_module("pandas").DataFrame
         if self.positions:
             rows = [(name, *place.tolist()) for name, place in self.positions.items()]
             return frame(rows, columns=["part", "x_m", "y_m", "z_m"])
@@ -267,7 +268,7 @@ class Result:
 
     def mesh(self) -> Any:
         """The deformed surface as a pyvista.PolyData, in m, with each face's region in `region`. Raises InputError without PyVista."""
-        _needed("pyvista", "pip install 'magmpm[render]'")
+        require("pyvista", "render", key="mesh", use="meshes of PyVista")
         return import_module("magmpm.viz.from_result").polydata(
             self
         )  # by name: the physics draws nothing
@@ -326,19 +327,6 @@ def _parts_of(scene: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """The key body.parts of a scene's plain data; None for another body."""
     body: Mapping[str, Any] = scene.get("body") or {}
     return body.get("parts")
-
-
-def _needed(package: str, remedy: str) -> Any:
-    """An optional package. Raises InputError where it is not installed."""
-    try:
-        return import_module(package)
-    except ImportError:
-        raise InputError(
-            package,
-            received="nothing",
-            rule=f"needs {package}, which is not installed",
-            remedy=remedy,
-        ) from None
 
 
 def _finite(value: Any) -> bool:

@@ -12,15 +12,14 @@ import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, overload
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, overload
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import BudgetError, InputError, quantity
-from magmpm.results import vtkhdf
+from magmpm.errors import BudgetError, InputError, quantity, require
 from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, POSITIONS, STEPS
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers
 from magmpm.results.motion_tables import (
@@ -38,9 +37,20 @@ from magmpm.results.motion_tables import (
 )
 from magmpm.results.whole_file import write_json
 
+if TYPE_CHECKING:
+    import h5py
+
 _KEEP_FREE = 16_000_000  # bytes of the disk left to others
 # bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
 _OVERHEAD = 65_536
+
+
+def frame_files() -> ModuleType:
+    """magmpm.results.vtkhdf, which needs h5py. Raises MissingPackage without it."""
+    require("h5py", "motion", key="solver", use="files of motions")
+    from magmpm.results import vtkhdf
+
+    return vtkhdf
 
 
 class MotionWriter:
@@ -62,6 +72,7 @@ class MotionWriter:
         resume_frames: int | None = None,
         resume_contacts: Iterable[str] = (),
     ) -> None:
+        vtkhdf = frame_files()
         self.folder = Path(folder)
         self.folder.mkdir(parents=True, exist_ok=True)
         self.path = self.folder / MOTION
@@ -205,6 +216,7 @@ class MotionWriter:
 
     def _must_hold(self, frames: int, until: float, contacts: Iterable[str]) -> None:
         """Raises InputError unless the files hold what a motion has written until a time (s)."""
+        vtkhdf = frame_files()
         vtkhdf.mend(self.path)
         with vtkhdf.opened(self.path) as file:
             times = vtkhdf.read_moments(file)[0]
@@ -281,6 +293,7 @@ def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
 
 def _whole(path: Path, file: h5py.File) -> tuple[Array, Array, dict[str, Any]]:
     """Times, fields and what is stored once, after all frames were checked. Raises InputError."""
+    vtkhdf = frame_files()
     times, fields = vtkhdf.read_moments(file)
     vtkhdf.check(path, file, range(len(times)))
     return times, fields, vtkhdf.read_static(file)
@@ -323,6 +336,7 @@ class Motion:
                 f"{folder}: holds no motion ({MOTION} is missing); give the folder that `magmpm"
                 " run` named for a dynamic scene"
             )
+        vtkhdf = frame_files()
         try:
             vtkhdf.mend(path)
             times, fields, static = vtkhdf.steady(path, lambda file: _whole(path, file))
@@ -390,6 +404,7 @@ class Motion:
             return [self[k] for k in range(len(self))[number]]
         k = self._counted(number)
         path = self.folder / MOTION
+        vtkhdf = frame_files()
         quantities = vtkhdf.steady(path, lambda file: vtkhdf.read_arrays(path, file, k))
         field = self.fields[k]
         return Frame(
@@ -404,9 +419,11 @@ class Motion:
         """Positions (n, 3) m of the frame with this number, which may be negative as in motion[number]. Raises IndexError."""
         k = self._counted(number)
         path = self.folder / MOTION
-        return vtkhdf.steady(path, lambda file: vtkhdf.read_arrays(path, file, k, ["Points"]))[
-            "Points"
-        ]
+        vtkhdf = frame_files()
+        found: dict[str, Numbers] = vtkhdf.steady(
+            path, lambda file: vtkhdf.read_arrays(path, file, k, ["Points"])
+        )
+        return found["Points"]
 
     def _counted(self, number: int) -> int:
         """The number of a frame counted from the start. Raises IndexError."""

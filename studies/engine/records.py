@@ -8,7 +8,6 @@ OUT/best/                     the same of the best trial, and its scene as a fil
 from __future__ import annotations
 
 import filecmp
-import importlib.util
 import json
 import re
 import shutil
@@ -16,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.errors import InputError
+from magmpm.errors import InputError, require
 from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
@@ -78,10 +77,7 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
         raise InputError(
             "--artifacts", received="s3://...", rule=rule, remedy="--artifacts s3://my-study"
         )
-    if importlib.util.find_spec("boto3") is None:
-        rule = "an S3-compatible store needs the package boto3"
-        remedy = "pip install 'magmpm[s3]'"
-        raise InputError("--artifacts", received=place, rule=rule, remedy=remedy)
+    require("boto3", "s3", key="--artifacts", use="S3-compatible stores")
     return Boto3ArtifactStore(bucket)
 
 

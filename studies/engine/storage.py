@@ -6,7 +6,6 @@ other writers.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import sqlite3
@@ -19,7 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from magmpm.errors import InputError, MagmpmError, report
+from magmpm.errors import InputError, MagmpmError, install, report, require
 from magmpm.results.run_folder import holds_run
 from magmpm.results.whole_file import naming
 from magmpm.studies.engine.storage_url import (
@@ -268,10 +267,10 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         reason = without_passwords(str(error).splitlines()[0], url)
         rule = f"must be a usable URL: {reason}"
         if isinstance(error, ImportError):
-            named = {"psycopg": "'magmpm[postgresql]'", "mysqldb": "mysqlclient"}
             driver = parts.get_driver_name()
             rule = f"the database's driver must be installed: {reason}"
-            remedy = f"pip install {named.get(driver, driver)}"
+            named = {"psycopg": install("postgresql"), "mysqldb": "pip install mysqlclient"}
+            remedy = named.get(driver, f"pip install {driver}")
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy) from None
     sqlite = parts.get_backend_name() == "sqlite"
     refuse_memory(parts, url)
@@ -310,13 +309,8 @@ def _made(url: str, options: Mapping[str, Any]) -> optuna.storages.RDBStorage:
 def _open_grpc(url: str) -> optuna.storages.BaseStorage:
     """Optuna's gRPC proxy, which serves a database that its own machine can reach."""
     host, port = grpc_address(url)
-    if (
-        importlib.util.find_spec("grpc") is None
-        or importlib.util.find_spec("google.protobuf") is None
-    ):
-        rule = "Optuna's gRPC proxy needs the packages grpcio and protobuf"
-        remedy = "pip install 'magmpm[grpc]'"
-        raise InputError("--storage", received=url, rule=rule, remedy=remedy)
+    for package in ("grpc", "google.protobuf"):
+        require(package, "grpc", key="--storage", use="storages behind Optuna's gRPC proxy")
     from optuna.storages import GrpcStorageProxy
 
     with warnings.catch_warnings():

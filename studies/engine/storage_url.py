@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
-from magmpm.errors import InputError
+from magmpm.errors import InputError, installed
 from magmpm.studies.problem import DATABASE
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ def storage_url(out: Path | None, url: str | None) -> str:
         remedy = "write %40 for @, %2F for /, %3F for ?, %23 for #"
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
     for plain in ("postgresql://", "postgres://"):
-        if url.startswith(plain) and importlib.util.find_spec("psycopg2") is None:
+        if url.startswith(plain) and not installed("psycopg2"):
             return "postgresql+psycopg://" + url.removeprefix(plain)
     return url
 

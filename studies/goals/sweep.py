@@ -15,7 +15,7 @@ from tempfile import mkdtemp
 from typing import Any
 
 from magmpm.compiled.process import Died
-from magmpm.errors import InputError, MagmpmError
+from magmpm.errors import InputError, MagmpmError, require
 from magmpm.inputs.settings import validate
 from magmpm.results.folder_lock import folder_lock
 from magmpm.scene import Scene, load_scene
@@ -38,15 +38,9 @@ class SweepTable:
 
     def to_dataframe(self) -> Any:
         """A pandas DataFrame. Raises InputError where pandas is not installed."""
-        try:
-            from pandas import DataFrame
-        except ImportError:
-            raise InputError(
-                "to_dataframe",
-                received="no pandas",
-                rule="needs pandas",
-                remedy="pip install pandas",
-            ) from None
+        require("pandas", "dataframe", key="to_dataframe", use="tables")
+        from pandas import DataFrame
+
         return DataFrame(self.rows)
 
     def __len__(self) -> int:

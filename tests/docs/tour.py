@@ -16,7 +16,7 @@ from pathlib import Path
 
 from page_steps import PAGES, ROOT, plan, steps
 
-EXTRAS = "render,magnets,cmaes,dashboard"
+EXTRAS = "all"
 
 
 def environment(folder: Path) -> Path:

@@ -279,9 +279,9 @@ def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("sampler", "module", "extra"),
     [
-        ("cmaes", "cmaes", "cmaes"),
+        ("cmaes", "cmaes", "design"),
         ("optuna:GPSampler", "torch", "gp"),
-        ("optuna:CmaEsSampler", "cmaes", "cmaes"),
+        ("optuna:CmaEsSampler", "cmaes", "design"),
     ],
 )
 def test_missing_extra_is_said_before_any_trial(

@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from magmpm.errors import MagmpmError
+from magmpm.errors import MagmpmError, install
 from magmpm.results.whole_file import whole_file
 
 BROWSERS = (
@@ -32,8 +32,8 @@ QUIET = (
 )
 PATIENCE = 120.0  # s
 REMEDY = (
-    "pip install 'magmpm[report]' (WeasyPrint), or install Chromium (apt-get install chromium), or"
-    " print the page from a browser"
+    f"{install('report')} (WeasyPrint), or install Chromium (apt-get install chromium), or print"
+    " the page from a browser"
 )
 
 

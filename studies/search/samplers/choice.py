@@ -7,7 +7,6 @@ storage, so nothing depends on which process ran which trial.
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.errors import InputError
+from magmpm.errors import InputError, require
 from magmpm.studies.problem.sampler_names import (
     HEED_NO_CONSTRAINTS,
     ONE_OBJECTIVE,
@@ -49,17 +48,20 @@ _OPTIONS = {
 }
 # package, and the extra of magmpm that brings it
 _TORCH = ("torch", "gp")
-_CMAES = ("cmaes", "cmaes")
+_CMAES = ("cmaes", "design")
 _EXTRAS = {"cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _CMAES}
 
 
 def check_available(name: str) -> None:
-    """Raises InputError when a sampler needs a package that is not installed, before any trial has run."""
-    module, extra = _EXTRAS.get(name, (None, None))
-    if module is not None and importlib.util.find_spec(module) is None:
-        raise InputError(
-            f"sampler: received {name}\n  rule: the sampler {name} needs the package {module},"
-            f" which is not installed\n  remedy: pip install 'magmpm[{extra}]', or sampler: tpe"
+    """Raises MissingPackage when a sampler needs a package that is not installed, before any trial has run."""
+    if name in _EXTRAS:
+        package, extra = _EXTRAS[name]
+        require(
+            package,
+            extra,
+            key="sampler",
+            use=f"studies by {name}",
+            instead="write sampler: tpe",
         )
 
 
