@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench-sweep bench-robots release optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-bounds bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: bench-sweep bench-robots release test-minimum optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-bounds bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -29,7 +29,8 @@ help:
 	@echo "make measured   public measurements, fitted and predicted: pictures and tables of docs/measured.md (CASES=kim)"
 	@echo "make bench-least-squares  the Gauss-Newton sampler against Optuna's on five public problems: the table of docs/optunahub/problems.md (SEEDS=5, SAMPLERS=tpe)"
 	@echo "make optunahub  that sampler as a package in the layout of OptunaHub, in runs/optunahub; its tests run there"
-	@echo "make release    wheel, site and the sampler's package by one command, in runs/release"
+	@echo "make release    wheel, sdist, site and the sampler's package, in runs/release; the wheel is tried in an empty environment"
+	@echo "make test-minimum  the tests with the least versions of libraries that setup.cfg allows, in .venv-minimum"
 	@echo "make bench-startup  seconds until each command could begin its work"
 	@echo "make fuzz       10 000 hostile inputs: scenes, studies, meshes, tables (INPUTS=N, SEED=S)"
 	@echo "make bench-view  milliseconds from a slider to the new shape in Chromium"
@@ -38,7 +39,7 @@ help:
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
 	@echo "make docs       the pages as a site, in runs/site; broken links fail"
 	@echo "make test-docs  every page's code, followed in order, and the notebook"
-	@echo "make test-wheel the wheel, installed and used in an empty environment"
+	@echo "make test-wheel the wheel, installed and used in an empty environment (PYTHON=python3.13)"
 	@echo "make tour       every page followed word for word in a clean environment, with the wheel alone (PAGES=first_scene.md)"
 	@echo "make stability  the hard cases, each with its measure and bound; CONTROLS=1: each with its remedy off; RANDOM=300 SEED=1: random scenes"
 	@echo "make targets-short  every target of this file in its shortest form: what fails, and what needs a program that is not here"
@@ -200,7 +201,7 @@ gallery: $(VENV)/.ready
 	$(if $(SCENES),,$(BIN)/python docs/gallery/goals.py)
 
 clean:
-	rm -rf $(VENV) $(GP_VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf $(VENV) $(GP_VENV) $(MINIMUM_VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info
 
 bench-fit: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/fit_coverage.py $(if $(QUICK),100,$(or $(FITS),1000)) 0 $(POSES)
@@ -214,12 +215,21 @@ bench-least-squares: $(VENV)/.ready-test
 optunahub: $(VENV)/.ready-test
 	$(BIN)/python docs/optunahub/build.py
 
-# What a release has: the wheel, the site, the sampler's package. Nothing is uploaded.
+# What a release has: wheel, sdist, site, the sampler's package. The wheel is tried in an empty environment. Nothing is uploaded.
 release: docs optunahub
 	@rm -rf runs/release && mkdir -p runs/release
-	$(BIN)/python -m pip wheel -q --no-deps -w runs/release .
+	$(BIN)/python -m pip install -q -c constraints.txt build
+	$(BIN)/python -m build --outdir runs/release .
 	@cp -r runs/site runs/optunahub runs/release/
+	WHEEL=$$(ls $(CURDIR)/runs/release/*.whl) $(BIN)/python -m pytest tests/end_to_end/test_wheel.py -rs
 	@ls -d runs/release/*
+
+# The least versions that setup.cfg allows, in an environment of their own.
+MINIMUM_VENV ?= .venv-minimum
+test-minimum:
+	@test -x $(MINIMUM_VENV)/bin/python || $(PYTHON) -m venv $(MINIMUM_VENV)
+	$(MINIMUM_VENV)/bin/python -m pip install -q -c constraints-minimum.txt -e '.[all,test]'
+	$(MINIMUM_VENV)/bin/python -m pytest -m "not slow" $(WORKERS) tests/unit tests/studies tests/end_to_end
 
 bench-startup: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/startup.py

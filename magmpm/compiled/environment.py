@@ -90,7 +90,7 @@ def _cache_folder() -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / ".writable").touch()
     except (OSError, RuntimeError) as error:  # RuntimeError: no home folder
-        folder = Path(tempfile.gettempdir()) / f"magmpm-{os.getuid()}" / name
+        folder = Path(tempfile.gettempdir()) / f"magmpm-{_user()}" / name
         try:
             folder.parent.mkdir(mode=0o700, exist_ok=True)
             refuse_shared(folder.parent)
@@ -117,12 +117,17 @@ def _cache_folder() -> Path:
     return folder
 
 
+def _user() -> int:
+    """Number of this user; 0 on Windows, where files and users have none."""
+    return os.getuid() if hasattr(os, "getuid") else 0
+
+
 def refuse_shared(folder: Path) -> None:
     """Raise PermissionError unless a folder is this user's own and no other's to write: compiled kernels are code that is run."""
     about = folder.lstat()
     if (
         not stat.S_ISDIR(about.st_mode)
-        or about.st_uid != os.getuid()
+        or about.st_uid != _user()
         or about.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     ):
         raise PermissionError(f"{folder} can be written by other users")

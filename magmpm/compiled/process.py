@@ -19,6 +19,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TypeVar
 
+from magmpm.errors import InputError
+
 # kinds of messages
 READY = "ready"
 PARTIAL = "partial"
@@ -66,6 +68,14 @@ class Process:
         quiet: bool = True,
     ) -> None:
         """Start it, and do not wait for it. quiet: what it prints on standard error is lost."""
+        if sys.platform == "win32":  # whose processes inherit no pipe by its number
+            raise InputError(
+                "this system",
+                received="Windows",
+                rule="kernels are compiled, pictures drawn and studies solved in processes of"
+                " their own, which need Linux or macOS",
+                remedy="install magmpm in WSL 2, the Linux of Windows: docs/install.md",
+            )
         self._payload = pickle.dumps((begin, given))
         self._env = env
         self._quiet = quiet

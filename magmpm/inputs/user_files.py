@@ -113,9 +113,8 @@ class UnfitFile(OSError):
 
 def read_regular(path: Path, most: int) -> bytes:
     """Content of a regular file of at most `most` bytes. Raises UnfitFile where it is another or larger, OSError for all else."""
-    handle = os.open(
-        path, os.O_RDONLY | os.O_NONBLOCK
-    )  # otherwise opening a FIFO would wait for a writer
+    # A FIFO, which Windows has not, would otherwise wait for a writer.
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     try:
         about = os.fstat(handle)
         for is_kind, name in _KINDS:

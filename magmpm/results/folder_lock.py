@@ -1,7 +1,6 @@
 """One process at a time writes a folder of results. The lock ends with its process, however that ends."""
 
 import errno
-import fcntl
 import json
 import os
 import socket
@@ -13,6 +12,8 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
+
+from filelock import lock_descriptor
 
 from magmpm.errors import InputError, report
 from magmpm.results.file_names import CHECKPOINT, SUBFOLDERS
@@ -44,7 +45,7 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK | os.X_OK):
-            number = errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES
+            number = errno.EROFS if _read_only(folder) else errno.EACCES
             raise OSError(number, os.strerror(number), str(folder))
         refuse_links(folder)
         while True:
@@ -133,21 +134,31 @@ def unwritable(folder: Path, error: OSError) -> InputError:
 def _take(stream: IO[str], folder: Path) -> None:
     """Lock the file and write into it which process this is. Raises FolderInUse, InputError."""
     if not _try_lock(stream):
-        stream.seek(0)
         rule = "only one process at a time may write a folder of results"
         remedy = "wait for it, end it, or use another --out"
         raise FolderInUse(
-            report(f"{folder}: in use by {_described(stream.read())}", rule=rule, remedy=remedy)
+            report(f"{folder}: in use by {_described(holder(stream))}", rule=rule, remedy=remedy)
         )
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200]
     since = time.strftime("%Y-%m-%d %H:%M:%S")
     about = {"pid": os.getpid(), "host": socket.gethostname(), "since": since, "command": command}
     try:
-        stream.truncate(0)
-        stream.write(json.dumps(about) + "\n")
-        stream.flush()
+        sign(stream, json.dumps(about))
     except OSError as error:
         raise unwritable(folder, error) from None
+
+
+def sign(stream: IO[str], text: str) -> None:
+    """Write who holds a lock into its file, past the first byte: Windows lets nobody else read that while it is locked."""
+    stream.truncate(0)
+    stream.write(f" {text}\n")
+    stream.flush()
+
+
+def holder(stream: IO[str]) -> str:
+    """What the holder of a lock has written into its file."""
+    stream.seek(1)
+    return stream.read(1000).strip()
 
 
 def _still_there(stream: IO[str], path: Path) -> bool:
@@ -171,13 +182,16 @@ def _described(text: str) -> str:
 def _try_lock(stream: IO[str]) -> bool:
     """Try to lock within PATIENCE; True if the lock was obtained. File systems without locks count as free."""
     until = time.monotonic() + PATIENCE
-    while True:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except OSError as error:
-            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
-                return True
+    try:
+        while not lock_descriptor(stream.fileno(), blocking=False):
             if time.monotonic() > until:
                 return False
             time.sleep(0.05)
+    except OSError:
+        pass
+    return True
+
+
+def _read_only(folder: Path) -> bool:
+    """True for a folder on a file system that is mounted to be read alone, as far as the system tells."""
+    return hasattr(os, "statvfs") and bool(os.statvfs(folder).f_flag & os.ST_RDONLY)

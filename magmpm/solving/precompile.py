@@ -10,7 +10,6 @@ for it (`uses`). One process compiles a set of kernels; others that need the sam
 theirs beside it. Who needs another set waits for nobody: a kernel that two sets share stays as the first has saved it (compiled.cache).
 """
 
-import fcntl
 import hashlib
 import json
 import os
@@ -26,6 +25,7 @@ from typing import Any, TextIO
 import llvmlite.binding
 import numba
 import numpy as np
+from filelock import lock_descriptor
 from numpy.typing import NDArray
 
 from magmpm.compiled.cache import compile_here, kept_all
@@ -41,6 +41,7 @@ from magmpm.effects.calls import (
 )
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
+from magmpm.results.folder_lock import holder, sign
 from magmpm.results.strain import strain_of
 from magmpm.rod.cantilever import is_cantilever, without_motion
 from magmpm.rod.cosserat import RodModel, solve_rod
@@ -242,35 +243,28 @@ def _alone(lock: Path, tell: Tell, until: float) -> Iterator[None]:
                 reminded = time.monotonic()
                 left = max(until - reminded, 0.0)
                 tell(
-                    f"waiting for process {_holder(stream)}, which compiles the same kernels"
+                    f"waiting for {_other(stream)}, which compiles the same kernels"
                     f" ({left:.0f} s more at most)"
                 )
             time.sleep(0.05)
         if mine:
-            stream.truncate(0)
-            stream.write(str(os.getpid()))
-            stream.flush()
+            sign(stream, str(os.getpid()))
         else:
-            tell(
-                f"process {_holder(stream)} still compiles the same kernels; this one goes on with"
-                " its own"
-            )
+            tell(f"{_other(stream)} still compiles the same kernels; this one goes on with its own")
         yield
 
 
 def _locked(stream: TextIO) -> bool:
     """Tell whether the lock is ours now."""
     try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return lock_descriptor(stream.fileno(), blocking=False)
     except OSError:
         return False
-    return True
 
 
-def _holder(stream: TextIO) -> str:
-    """The number of the process that has a lock, as it has written it."""
-    stream.seek(0)
-    return stream.read(20).strip() or "unknown"
+def _other(stream: TextIO) -> str:
+    """The process that has a lock, as it has written it."""
+    return f"process {holder(stream) or 'unknown'}"
 
 
 def _compiled_elsewhere(small: Scene, jobs: Sequence[str | Function], tell: Tell) -> bool:

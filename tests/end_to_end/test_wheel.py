@@ -1,4 +1,7 @@
-"""The wheel: installed with its extra `render` in an empty environment, and used there without the checkout. Also: examples, citation."""
+"""The wheel: installed in an empty environment, bare and then with extras, and used there without the checkout. Also: examples, citation.
+
+`WHEEL=PATH` tries that wheel (`make release`) in place of one that is built here.
+"""
 
 import json
 import os
@@ -77,19 +80,26 @@ def run(*words: str | Path, cwd: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
-def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
-    """Built of a clean copy of what git knows; every file of `data` is in it."""
-    source = tmp_path / "source"
-    wheels = tmp_path / "wheels"
-    home = tmp_path / "home"
-    home.mkdir()
-    known = run("git", "ls-files", cwd=ROOT).split()
+def built(known: list[str], folder: Path) -> Path:
+    """The wheel of a clean copy of what git knows."""
+    source = folder / "source"
+    wheels = folder / "wheels"
     for name in known:
         (source / name).parent.mkdir(parents=True, exist_ok=True)
         (source / name).write_bytes((ROOT / name).read_bytes())
     run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", wheels, ".", cwd=source)
     (wheel,) = wheels.glob("magmpm-*.whl")
+    return wheel
+
+
+@pytest.mark.slow
+def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
+    """Every file of `data` is in it. Bare it solves; with `design` and `render` it designs and draws."""
+    home = tmp_path / "home"
+    home.mkdir()
+    known = run("git", "ls-files", cwd=ROOT).split()
+    given = os.environ.get("WHEEL")
+    wheel = built(known, tmp_path) if given is None else Path(given)
     with zipfile.ZipFile(wheel) as content:
         held = {name.partition("/data/share/magmpm/")[2] for name in content.namelist()}
         assert {
@@ -100,18 +110,12 @@ def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
     assert {name for name in known if name.startswith("data/")} <= held
     run(sys.executable, "-m", "venv", tmp_path / "empty", cwd=home)
     bin_folder = tmp_path / "empty/bin"
-    run(
-        bin_folder / "python",
-        "-m",
-        "pip",
-        "install",
-        "-c",
-        ROOT / "constraints.txt",
-        f"{wheel}[render]",
-        cwd=home,
-    )
+    pip = (bin_folder / "python", "-m", "pip", "install", "-c", ROOT / "constraints.txt")
+    run(*pip, wheel, cwd=home)
     magmpm = bin_folder / "magmpm"
     run(magmpm, "examples", ".", cwd=home)
+    bare = json.loads(run(magmpm, "run", "data/scenes/five_segments.yaml", "--json", cwd=home))
+    run(*pip, f"{wheel}[design,render]", cwd=home)
     for name in ("studies.py", "viz.py"):  # a user's own modules, with names like our folders
         (home / name).write_text(
             "raise SystemExit('a module of the user was imported')", encoding="utf-8"
@@ -120,6 +124,7 @@ def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
         run(magmpm, "run", "data/scenes/five_segments.yaml", "--render", "--json", cwd=home)
     )
     assert told["converged"]
+    assert told["tip"] == bare["tip"]
     assert (home / "runs/five-segment-catheter/picture.png").stat().st_size > 10_000
     where = run(
         bin_folder / "python",

@@ -13,7 +13,6 @@ number. So nothing is lost, and nothing done twice: a session that only seemed d
 
 from __future__ import annotations
 
-import fcntl
 import os
 import signal
 import socket
@@ -28,6 +27,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import optuna
+from filelock import lock_descriptor
 from optuna.exceptions import UpdateFinishedTrialError
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
@@ -485,7 +485,7 @@ def _one_at_a_time(url: str) -> Iterator[None]:
     folder = os.open(Path(str(make_url(url).database)).resolve().parent, os.O_RDONLY)
     try:
         with suppress(OSError):  # a file system without locks
-            fcntl.flock(folder, fcntl.LOCK_EX)
+            lock_descriptor(folder)
         yield
     finally:
         os.close(folder)
