@@ -156,7 +156,7 @@ def sign(stream: IO[str], text: str) -> None:
 
 
 def holder(stream: IO[str]) -> str:
-    """What the holder of a lock has written into its file."""
+    """Text that the holder of a lock has written into its file."""
     stream.seek(1)
     return stream.read(1000).strip()
 
