@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from magmpm.bodies.catheter import Catheter, Tube
     from magmpm.bodies.segments import Segment
     from magmpm.bodies.strip import Strip
-    from magmpm.compare import error
     from magmpm.effects.damping import Damping
     from magmpm.effects.feed import Feed
     from magmpm.effects.fluid import Fluid
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     from magmpm.results.notices import MagmpmWarning
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
+    from magmpm.runs import compare, error
     from magmpm.scene import Scene, load_scene
     from magmpm.scene.options import Dynamic, Material, QuasiStatic, Resolution, Static
     from magmpm.simulate import run, sensitivities
@@ -86,6 +86,7 @@ __all__ = [
     "UniformField",
     "Viscosity",
     "Walls",
+    "compare",
     "design",
     "error",
     "fit",
@@ -104,7 +105,7 @@ _HOMES = {
 }
 _HOMES |= {"MagmpmWarning": "results.notices"}
 _HOMES |= {
-    "error": "compare",
+    **dict.fromkeys(("compare", "error"), "runs"),
     "load_scene": "scene",
     **dict.fromkeys(("design", "fit", "influence", "sweep"), "studies.in_python"),
 }

@@ -4,6 +4,8 @@ and the frames of runs, with the distance between those of two.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -119,23 +121,39 @@ class Frames:
             raise InputError("tip", received="nothing", rule=NO_TIP, remedy=NAME_ONE)
         return found
 
-    def distances(
-        self, other: Frames, of: str = "centreline", skip: list[tuple[float, float]] | None = None
-    ) -> dict[float, float]:
-        """The largest distance (m) in each frame that both have, by its time (s); spans of time (s) to `skip` are left out.
+    def minus(self, other: Frames) -> Frames:
+        """The way from another run's points and tip to these, m, in each frame that both have; times agree but for rounding."""
+        found = Frames()
+        for k, t in enumerate(self.times):
+            at = [j for j, u in enumerate(other.times) if math.isclose(t, u, rel_tol=1e-9)]
+            if not at:
+                continue
+            mine = self.tips[k]
+            theirs = other.tips[at[0]]
+            found.times.append(t)
+            found.points.append(self.points[k] - other.points[at[0]])
+            found.tips.append(None if mine is None or theirs is None else mine - theirs)
+        return found
 
-        Raises InputError where it is to be that of tips, and the body has none.
+    def sizes(
+        self, of: str = "centreline", skip: Sequence[tuple[float, float]] = ()
+    ) -> dict[float, float]:
+        """The farthest (m) that a point is from the origin in each frame, by its time (s); spans of time (s) to `skip` are left out.
+
+        of: tip, for that of tips. Raises InputError where the body has none.
         """
-        mine, theirs = (one.ends() if of == "tip" else one.points for one in (self, other))
+        vectors = self.ends() if of == "tip" else self.points
         return {
-            t: float(np.linalg.norm(np.atleast_2d(a - b), axis=1).max())
-            for t, a, b in zip(
-                self.times,
-                mine,
-                [theirs[other.times.index(t)] if t in other.times else None for t in self.times],
-            )
-            if b is not None and not any(first <= t <= last for first, last in skip or ())
+            t: float(np.linalg.norm(np.atleast_2d(each), axis=1).max())
+            for t, each in zip(self.times, vectors, strict=True)
+            if not any(first <= t <= last for first, last in skip)
         }
+
+    def distances(
+        self, other: Frames, of: str = "centreline", skip: Sequence[tuple[float, float]] = ()
+    ) -> dict[float, float]:
+        """The largest distance (m) in each frame that both have, as `sizes` of `minus`."""
+        return self.minus(other).sizes(of, skip)
 
 
 def frames_of(run: Result | Motion) -> Frames:

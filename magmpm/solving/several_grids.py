@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.effects.acting import instant_modulus
-from magmpm.errors import SceneError, length, quantity, significant
+from magmpm.errors import InputError, SceneError, SolveError, length, quantity, significant
 from magmpm.materials import pressure_wave_speed
 from magmpm.results.measures import Frames, frames_of, near_jumps
 from magmpm.results.result import Result
@@ -31,6 +31,7 @@ class Runs(Grids):
         super().__init__(scene)
         self.results: dict[int, Result] = {}
         self.frames: dict[int, Frames] = {}
+        self.of: str = scene.resolution.of
 
     def solve(self, cells: int) -> None:
         """Run the scene, if it has not been."""
@@ -111,9 +112,12 @@ class Runs(Grids):
 
     def distances(self, coarse: int, fine: int) -> dict[float, float]:
         """The largest distance (m) in each frame but those near a jump, by its time (s)."""
-        one = self.frames[coarse]
-        other = self.frames[fine]
-        return one.distances(other, self.scene.resolution.of, near_jumps(one, other))
+        spans = self.spans(coarse, fine)
+        return self.frames[coarse].distances(self.frames[fine], self.of, spans)
+
+    def spans(self, coarse: int, fine: int) -> list[tuple[float, float]]:
+        """Spans of time (s) around jumps, in which the two grids may be on different branches."""
+        return near_jumps(self.frames[coarse], self.frames[fine])
 
     def takes(self, cells: int, proof: bool) -> float:
         """Seconds, from those of the finest grid that was run."""
@@ -131,6 +135,118 @@ class Runs(Grids):
     def algebraic(self) -> float:
         """Error that the solves of equilibria leave, m."""
         return super().algebraic if self.scene.static else 0.0
+
+
+class Pair(Runs):
+    """Two scenes on the same grids: the answer on each is the way from the other's points to the one's, frame by frame."""
+
+    def __init__(self, one: Scene, other: Scene, cells: int | None, of: str) -> None:
+        """cells: across both, None: their own; of: centreline or tip. Raises InputError where they can't be compared."""
+        first = _on_cells(one, cells)
+        second = _on_cells(other, cells)
+        _check_comparable(first, second, of)
+        super().__init__(first)
+        self.of = of
+        self.each = (Runs(first), Runs(second))
+
+    @property
+    def scenes(self) -> tuple[Scene, ...]:
+        return tuple(runs.scene for runs in self.each)
+
+    def solve(self, cells: int) -> None:
+        """Run both scenes. Raises SolveError that says which of them failed."""
+        for word, runs in zip(("first", "second"), self.each, strict=True):
+            try:
+                runs.solve(cells)
+            except SolveError as error:
+                where = f"the {word} scene on {cells} cells across"
+                raise type(error)(f"{where}: {error.reason}", error.state) from None
+        one, other = self.each
+        self.frames[cells] = one.frames[cells].minus(other.frames[cells])
+        self.solved[cells] = one.solved[cells]
+
+    def spans(self, coarse: int, fine: int) -> list[tuple[float, float]]:
+        return [span for runs in self.each for span in runs.spans(coarse, fine)]
+
+    def apart(self, cells: int, finer: int) -> dict[float, float]:
+        """The largest distance (m) of the two answers on `cells` in each frame, by its time (s), but near jumps."""
+        found = self.frames[cells].sizes(self.of, self.spans(cells, finer))
+        if not found:
+            raise SolveError("the answers can't be compared: all frames are near a jump of a path")
+        return found
+
+    @property
+    def algebraic(self) -> float:
+        """Error that the solves of both leave, m."""
+        return sum(runs.algebraic for runs in self.each)
+
+
+def _on_cells(scene: Scene, cells: int | None) -> Scene:
+    """A scene on its cells, or on these. Raises InputError."""
+    if cells is not None:
+        return scene.with_cells(cells)
+    parts = scene.body.parts
+    if scene.resolution.requested or (parts is not None and parts.spacing is not None):
+        raise SceneError(
+            "resolution",
+            found=f"{scene.name} gives no cells_across",
+            rule="scenes are compared on grids of as many cells across",
+            remedy="give the cells: magmpm.compare(a, b, cells=4)",
+        )
+    return scene
+
+
+def _check_comparable(one: Scene, other: Scene, of: str) -> None:
+    """Raises InputError where no point of one answer has a partner in the other."""
+    across = [scene.resolution.cells_across for scene in (one, other)]
+    if across[0] != across[1]:
+        raise InputError(
+            "cells",
+            received=f"scenes of {across[0]} and {across[1]} cells across",
+            rule="scenes are compared on grids of as many cells across",
+            remedy="give them: magmpm.compare(a, b, cells=4); what the grid does, magmpm.error(a)",
+        )
+    if one.in_time != other.in_time:
+        raise InputError(
+            "solver",
+            received="an equilibrium and a run along time",
+            rule="frames have partners at the same time, and an equilibrium has none",
+            remedy="give both a solver of one kind, or compare their ends: magmpm.runs.distance",
+        )
+    if not math.isclose(one.duration, other.duration, rel_tol=1e-9):
+        raise InputError(
+            "solver",
+            received=f"runs of {one.duration:g} s and {other.duration:g} s",
+            rule="frames are compared at the same time, so both runs end together",
+            remedy="give both the same duration",
+        )
+    names = [
+        [region.name for region in scene.regions()] if scene.body.shape.line is None else None
+        for scene in (one, other)
+    ]
+    if names[0] != names[1]:
+        raise InputError(
+            "body",
+            received=f"{_compared_by(names[0])} and {_compared_by(names[1])}",
+            rule="each point needs its partner: the axis of straight bodies, parts by their names",
+            remedy="compare bodies of one kind, parts of the same names in the same order",
+        )
+    if of not in ("centreline", "tip"):
+        rule = "is centreline or tip"
+        raise InputError("of", received=repr(of), rule=rule, remedy='leave it out, or of="tip"')
+    tips = [scene.body.parts is None or scene.body.parts.tip is not None for scene in (one, other)]
+    if tips[0] != tips[1] or (of == "tip" and not tips[0]):
+        raise InputError(
+            "body.parts.tip",
+            received="nothing",
+            rule="the tip of parts is compared where both scenes name one",
+            remedy="name the same part or point in both, say `tip: arm` in body.parts",
+        )
+
+
+def _compared_by(names: list[str] | None) -> str:
+    """Points that a body is compared by, in words."""
+    return "a straight body" if names is None else f"parts {', '.join(names)}"
 
 
 def work(scene: Scene) -> float:
@@ -175,7 +291,7 @@ def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
     coarse = choice.cells
     fine = choice.report["finer"]["cells_across"]
     distances = grids.distances(coarse, fine)
-    spans = near_jumps(grids.frames[coarse], grids.frames[fine])
+    spans = grids.spans(coarse, fine)
     words = [
         f"resolution: the error is not known from t = {first:.6g} to {last:.6g} s, around a jump of"
         " the path, which comes sooner or later on other grids; the error reported is that of the"

@@ -62,6 +62,11 @@ class Grids(ABC):
         self.solved: dict[int, Solved] = {}
         self._scenes: dict[int, Scene] = {}
 
+    @property
+    def scenes(self) -> tuple[Scene, ...]:
+        """The scenes whose answers are compared."""
+        return (self.scene,)
+
     def on(self, cells: int) -> Scene:
         """The scene with so many cells across."""
         if cells not in self._scenes:

@@ -57,7 +57,7 @@ class _GridSearch:
     )  # of a grid, by cells across, the one that tells its error
 
     def __post_init__(self) -> None:
-        self.proof = proofs(self.scene)
+        self.proof = proofs(*self.grids.scenes)
 
     @property
     def scene(self) -> Scene:
@@ -76,16 +76,13 @@ class _GridSearch:
         }
         known = law.bound(cells, finer, grids.distance_between(cells, finer), others)
         self.errors[cells] = (
-            caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known
+            max(
+                caution(scene.length / scene.thickness, _wall(scene, cells))
+                for scene in grids.scenes
+            )
+            * known
             + grids.algebraic
         )
-
-    def wall(self, cells: int) -> float:
-        """Cells across a tube's wall, where there are so many across its diameter; inf without a bore, and where cells fit it."""
-        tube = self.scene.body.catheter
-        if tube is None or not tube.hollow or (self.scene.static and tube.round_cells):
-            return float("inf")
-        return cells * (tube.diameter - tube.inner_diameter) / (2.0 * tube.diameter)
 
     def takes(self, cells: int) -> float:
         """Seconds that it will take to solve a grid and to know its error."""
@@ -98,6 +95,14 @@ class _GridSearch:
     def fits(self, cells: int) -> bool:
         """True if a grid and the finer one that gives its error fit into memory."""
         return self.grids.size(self.proof[cells]) <= SHARE * memory.machine()
+
+
+def _wall(scene: Scene, cells: int) -> float:
+    """Cells across a tube's wall, where there are so many across its diameter; inf without a bore, and where cells fit it."""
+    tube = scene.body.catheter
+    if tube is None or not tube.hollow or (scene.static and tube.round_cells):
+        return float("inf")
+    return cells * (tube.diameter - tube.inner_diameter) / (2.0 * tube.diameter)
 
 
 def known_error(grids: Grids, cells: int) -> ChosenGrid:
@@ -113,9 +118,9 @@ def known_error(grids: Grids, cells: int) -> ChosenGrid:
         return _chosen(search, cells)
 
 
-def proofs(scene: Scene) -> dict[int, int]:
+def proofs(*scenes: Scene) -> dict[int, int]:
     """Finer grid that gives the error of a grid, by cells across."""
-    return PROOF | JOINTED if knots_of(scene).joints else PROOF
+    return PROOF | JOINTED if any(knots_of(scene).joints for scene in scenes) else PROOF
 
 
 def first_cells(scene: Scene) -> int:

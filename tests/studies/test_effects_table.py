@@ -11,12 +11,12 @@ from reference.commands import scene_text
 from reference.moving import moving_scene
 from reference.scenes import G, rod_scene
 
-from magmpm.compare import distance
 from magmpm.effects import acting as effects
 from magmpm.effects.acting import Effects
 from magmpm.inputs.settings import validate
 from magmpm.materials import young_modulus
 from magmpm.rod.cosserat import solve_rod
+from magmpm.runs import distance
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.solving.influence import Variants, advise

@@ -1,237 +1,228 @@
-"""Comparisons of runs: distances of frames, and the error of a grid for scenes of every kind."""
+"""Two scenes compared: their distance against formulas that the program does not use, its uncertainty against finer grids, wrong pairs."""
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from reference import acting
-from reference.scenes import rod_scene
+from reference.scenes import BR, G, X, rod_scene
 from reference.solids import box
 from reference.stopped import switched_off
 
 import magmpm
-from magmpm import Motion, Result, Scene, run
+from magmpm import Scene
 from magmpm.bodies.surface_mesh import write_stl
-from magmpm.compare import distance
-from magmpm.errors import SceneError, SolveError
-from magmpm.results.measures import Frames, near_jumps
-from magmpm.solving import several_grids
-from magmpm.solving.several_grids import Runs, cost_in_words, grids_of
-from magmpm.statics.grids import Equilibria
+from magmpm.fields.dipole import MU0
+from magmpm.materials import young_modulus
+from magmpm.runs import Comparison, compare, distance
 
 LENGTH = 24e-3
 PLAIN = rod_scene(length=LENGTH, field=[0.0, 0.0, 5e-3])
-RAMP = {"over_time": {"ramp": {"duration": 1.0}}}
+SLENDER = rod_scene(length=60e-3, diameter=3e-3, field=[0.0, 0.0, 0.1e-3], cells=3)
+YOUNG = young_modulus(G, 20.0 * G)
 
 
-def along_a_ramp(steps: int = 3, **resolution: Any) -> Scene:
-    """The short catheter in a field that is switched on, as equilibria along time."""
-    data = PLAIN.to_si()
-    field = {**data["field"], **RAMP}
-    return Scene.from_si(
-        {
-            **data,
-            "field": field,
-            "solver": {"quasi_static": {"steps": steps}},
-            "resolution": resolution,
-        }
+def along(scene: Scene, solver: dict[str, Any], strengths: tuple[float, ...]) -> Scene:
+    """The scene in a field of these strengths at 0, 1, 2 ... s."""
+    frames = [{"time": float(t), "strength": s} for t, s in enumerate(strengths)]
+    data = scene.to_si()
+    field = {**data["field"], "over_time": {"keyframes": frames}}
+    return Scene.from_si({**data, "field": field, "solver": solver})
+
+
+def bent(young: float) -> float:
+    """The way (m) of the tip of the slender catheter, to first order: the torque m = Br B A/mu0 on each length bends it by m L^3/(3 E I),
+    from E I theta'' = -m with theta(0) = theta'(L) = 0; A/I = 16/D^2.
+    """
+    body = SLENDER.body.catheter
+    assert body is not None
+    torque_over_inertia = BR * SLENDER.field.uniform[2] / MU0 * 16.0 / body.diameter**2
+    return float(torque_over_inertia * body.length**3 / (3.0 * young))
+
+
+def test_a_ratio_of_moduli_counts_by_youngs_modulus() -> None:
+    """E = 9 K G/(3 K + G); the clamp and shear add up to D/L = 5 % of a way, of the difference too."""
+    ways = [bent(young_modulus(G, ratio * G)) for ratio in (4.0, 100.0)]
+    found = compare(
+        SLENDER.with_material(bulk_to_shear=4.0), SLENDER.with_material(bulk_to_shear=100.0)
     )
+    assert found.distance == pytest.approx(ways[0] - ways[1], rel=0.05, abs=found.uncertainty)
+    assert found.uncertainty < 0.2 * found.distance
+    assert found.distinct
+    assert found.time is None
 
 
-def moving(**resolution: Any) -> Scene:
-    """The short catheter as it begins to move."""
-    data = PLAIN.to_si()
-    dynamic = {"duration": 2e-3, "output_every": 1e-3}
-    effects = {"magnetic_torque": {}, "damping": {"rate": 60.0}}
-    return Scene.from_si(
-        {**data, "effects": effects, "solver": {"dynamic": dynamic}, "resolution": resolution}
-    )
+def test_a_missing_magnet_is_missed_by_the_way_that_it_bends_the_body() -> None:
+    """5 % of the length, so second order counts 0.2 %; D/L = 5 % as above."""
+    found = compare(SLENDER, SLENDER.with_material(remanence=0.0), of="tip")
+    assert found.distance == pytest.approx(bent(YOUNG), rel=0.05)
+    assert found.uncertainty < 0.01 * found.distance
+    whole = compare(SLENDER, SLENDER.with_material(remanence=0.0))
+    assert whole.distance == pytest.approx(found.distance, rel=1e-5)  # the tip goes farthest
 
 
-def test_distance_of_two_results_is_that_of_their_axes_and_tips() -> None:
-    """Against arithmetic on their rows: grids of 2 and 3 cells have rows at other places."""
-    coarse, fine = (run(PLAIN.with_cells(n)) for n in (2, 3))
-    assert distance(coarse, coarse) == 0.0
-    apart = distance(coarse, fine)
-    assert apart == distance(fine, coarse)
-    ends = float(np.linalg.norm(coarse.centreline[-1, 1:] - fine.centreline[-1, 1:]))
-    assert apart >= ends > 0.0
-    assert distance(coarse, fine, of="tip") == pytest.approx(
-        float(np.linalg.norm(coarse.tip - fine.tip))
-    )
+def test_a_law_of_magnetization_counts_by_the_stretch_that_it_allows() -> None:
+    """In a field along the magnet F Br pulls by Br B/mu0, which stretches the body by as much over E; R Br does not pull. The held face,
+    which can't contract, stiffens up to a fifth of a diameter, 1 % of the length here.
+    """
+    strength = 5e-3
+    pulled = SLENDER.with_field([strength, 0.0, 0.0])
+    found = compare(pulled, pulled.with_material(magnetization_law="rotates"))
+    way = pulled.length * BR * strength / (MU0 * YOUNG)
+    assert found.distance == pytest.approx(way, rel=0.015)
+    assert found.uncertainty < 0.01 * found.distance
 
 
-def test_distance_of_two_motions_is_that_of_all_frames(tmp_path: Path) -> None:
-    """A field that is on for a moment: the ends agree, frames before do not."""
-    frames = [{"time": t, "strength": s} for t, s in ((0.0, 0.02), (1.0, 2.0), (2.0, 0.02))]
-    data = along_a_ramp(2, cells_across=2).to_si()
-    data["field"]["over_time"] = {"keyframes": frames}
-    pulse = Scene.from_si(data)
-    data["field"]["over_time"] = {"keyframes": [{**frame, "strength": 0.02} for frame in frames]}
-    ends = [
-        run(scene, folder=tmp_path / name)
-        for scene, name in ((pulse, "a"), (Scene.from_si(data), "b"))
-    ]
-    a, b = (Motion.load(tmp_path / name) for name in "ab")
-    assert (
-        distance(*ends) < 1e-6 * LENGTH
-    )  # both end in the same field; equilibria are known to 1e-6 of the length
-    middle = float(np.linalg.norm(np.subtract(ends[0].steps[1]["tip"], ends[1].steps[1]["tip"])))
-    assert distance(a, b) == pytest.approx(
-        middle, rel=1e-2
-    )  # the tip goes farthest; sections' means, in single precision
+def test_a_tolerance_is_no_difference_that_grids_could_tell() -> None:
+    """1e-8 of the energy for 1e-11; the solves leave more than the answers differ by."""
+    rough = rod_scene(length=LENGTH, field=[0.0, 0.0, 5e-3], tolerance=1e-8)
+    found = compare(PLAIN, rough)
+    assert found.distance <= found.uncertainty < 1e-4 * LENGTH
+    assert not found.distinct
+    assert "no more than the grid may make it" in repr(found)
 
 
-def test_a_path_and_an_equilibrium_have_the_same_error() -> None:
-    """The same body in a field that is switched on: the end is the same, and has the largest error. Proofs are known to 3 %."""
-    rest = magmpm.error(PLAIN.with_cells(2))
-    path = magmpm.error(along_a_ramp(cells_across=2))
-    assert path.error == pytest.approx(rest.error, rel=0.1)
-    assert path.report["largest_at"] == 1.0
-    assert path.report["unknown"] == []
-    assert [one["cells_across"] for one in path.report["tried"]] == [2, 3, 4]
-    assert isinstance(grids_of(PLAIN), Equilibria)
-    assert isinstance(grids_of(along_a_ramp(cells_across=2)), Runs)
+def test_a_body_that_falls_is_behind_by_half_g_t_squared() -> None:
+    """Not held, without a field. Leapfrog is exact under a constant force; the start is off by half a step, 1e-4 of the time at most."""
+    data = rod_scene(length=LENGTH, gravity=[0.0, 0.0, -9.81]).to_si()
+    data["body"]["catheter"]["clamp"] = "none"
+    data["solver"] = {"dynamic": {"duration": 4e-3, "output_every": 2e-3}}
+    falls = Scene.from_si(data)
+    found = compare(falls, falls.with_effects(gravity=None))
+    assert found.time == pytest.approx(4e-3)
+    assert found.distance == pytest.approx(0.5 * 9.81 * 4e-3**2, rel=1e-3)
+    assert found.uncertainty < 1e-3 * found.distance
 
 
-def refused_before(kind: str, folder: Path) -> Scene:
-    """A scene on 2 cells of a kind whose error was refused when errors of motions were those of a rest."""
-    data = acting.scene(kind if kind in acting.SCENES else "magnetic_torque").to_si()
-    data["solver"] = {"dynamic": {"duration": 0.5e-3, "output_every": 0.25e-3}}
-    if kind in ("ground", "self_contact"):  # of one set of kernels, which other tests compile too
-        data["effects"] |= {"gravity": {}, "damping": {"rate": 1e-6}}
-    if kind == "self_contact":
-        data["effects"]["ground"] = {"point": [0.0, 0.0, -0.1]}
-        data["effects"]["gravity"] = {
-            "acceleration": [0.0, 0.0, -3000.0]
-        }  # the upper block falls onto the held one
-        data["body"]["parts"]["meshes"][0]["clamp"] = True
-    elif kind == "free body":
-        del data["body"]["catheter"]["clamp"]
-    elif kind == "endless field":
-        data["field"]["over_time"] = {"rotation": {"axis": [1.0, 0.0, 0.0], "frequency": 500.0}}
-    elif kind == "parts at rest":
-        meshes = []
-        for name, ends in {"held": ((0, 0, 0), (2, 3, 3)), "end": ((2, 0, 0), (9, 3, 3))}.items():
-            write_stl(box(*ends), folder / f"{name}.stl")
-            meshes.append(
-                {"mesh": str(folder / f"{name}.stl"), "material": "m", "clamp": name == "held"}
-            )
-        data["body"] = {"parts": {"unit": "mm", "spacing": 1.5e-3, "meshes": meshes}}
-        data["effects"], data["solver"] = {"magnetic_torque": {}, "gravity": {}}, {"static": {}}
-    return Scene.from_si(data)
+def test_paths_are_compared_in_all_frames() -> None:
+    """One is in twice the field for a moment: then they are as far apart as the two equilibria, and at the end they are not."""
+    path = {"quasi_static": {"steps": 2}}
+    one, other = (along(PLAIN, path, (0.1, peak, 0.1)) for peak in (1.0, 2.0))
+    found = compare(one, other)
+    rest = compare(PLAIN, PLAIN.with_field([0.0, 0.0, 10e-3]))
+    assert found.time == 1.0
+    assert found.distance == pytest.approx(
+        rest.distance, abs=1e-6 * LENGTH
+    )  # as equilibria are known
+    assert found.uncertainty == pytest.approx(rest.uncertainty, rel=0.01)
+    assert distance(*found.results) < 1e-6 * LENGTH
 
 
-KINDS = ["ground", "self_contact", "free body", "endless field", "parts at rest"]
-
-
+@pytest.mark.parametrize("cells", [2, 3])
 @pytest.mark.parametrize(
-    "kind", [*KINDS, *(pytest.param(name, marks=pytest.mark.slow) for name in ("walls", "feed"))]
+    "other",
+    [
+        PLAIN.with_material(bulk_to_shear=200.0),
+        PLAIN.with_material(shear_modulus=100e3),
+        PLAIN.with_effects(gravity={}),
+        rod_scene(length=LENGTH, field=[0.0, 0.0, 5e-3], inner_diameter=1.5e-3),
+    ],
+    ids=["ratio of moduli", "modulus", "weight", "bore"],
 )
-def test_an_error_is_known_where_it_was_refused(kind: str, tmp_path: Path) -> None:
-    """The whole runs are compared, and the bound holds against 5 cells."""
-    scene = refused_before(kind, tmp_path)
-    found = magmpm.error(scene)
-    runs = Runs(scene)
-    assert [one["cells_across"] for one in found.report["tried"]] == [2, 3, 4]
-    for cells in (2, 5):
-        runs.solve(cells)
-    assert 0.1 * found.error < runs.distance_between(2, 5) < found.error
-    assert found.report.get("largest_at", 1.0) > 0.0
+def test_the_uncertainty_holds_on_the_finest_grid(other: Scene, cells: int) -> None:
+    """Against 7 cells; the distance is that of the two runs, the same both ways."""
+    found = compare(PLAIN, other, cells=cells)
+    fine = [magmpm.run(scene.with_cells(7)) for scene in (PLAIN, other)]
+    assert abs(found.distance - distance(*fine)) < found.uncertainty < 0.1 * found.distance
+    runs = [magmpm.run(scene.with_cells(cells)) for scene in (PLAIN, other)]
+    assert found.distance == distance(*runs)
+    back = compare(other, PLAIN, cells=cells)
+    assert (back.distance, back.uncertainty) == (found.distance, found.uncertainty)
 
 
-def test_an_error_that_would_take_longer_than_an_hour_is_refused_while_its_first_run_goes_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """With an hour of a hundredth of a second: two grids would take longer, and only a part of the first one was run."""
-    monkeypatch.setattr(several_grids, "PATIENCE", 1e-2)
-    seen: list[float] = []
-    scene = moving(error=0.01)
-    with pytest.raises(
-        SceneError, match=r"within reach of 0\.01 s: a run on 2 cells across takes .* times as long"
-    ) as refused:
-        run(scene, on_progress=lambda step, at: seen.append(at))
-    assert "resolution.error" in str(refused.value)
-    assert "give cells_across: 2" in str(refused.value)
-    assert max(seen, default=0.0) < scene.duration
+def test_jointed_bodies_are_told_by_finer_grids_from_either_side() -> None:
+    """Where materials meet, 3 cells are proven by 6 (statics.resolution.JOINTED)."""
+    sizes = {"directions": (X, X), "field": [0.0, 0.0, 2e-3], "length": LENGTH, "cells": 3}
+    soft = rod_scene(**sizes)
+    tip = rod_scene(**sizes, shear=(G, 2.0 * G))
+    there = compare(soft, tip)
+    assert there.finer_cells == compare(tip, soft).finer_cells == 6
+    assert compare(soft, soft.with_material("m0", shear_modulus=1.1 * G)).finer_cells == 6
 
 
-@pytest.mark.parametrize(("share", "refused"), [(0.1, True), (0.9, False)])
-def test_the_pace_of_a_first_run_tells_how_long_all_take(share: float, refused: bool) -> None:
-    """A tenth of it in 40 s: 400 s for all of it, over two hours with two finer grids; nine tenths in 40 s: a quarter of an hour."""
-    scene = moving(error=0.01)
-    with (
-        pytest.raises(SceneError, match=r"a run on 2 cells across takes 4e\+02 s")
-        if refused
-        else nullcontext()
-    ):
-        Runs(scene)._check_hopeful(2, 40.0, share * scene.duration)
+def parts(folder: Path, names: tuple[str, str] = ("held", "arm"), **more: Any) -> Scene:
+    """Two blocks end to end at rest under their weight, the first held."""
+    meshes = []
+    for name, ends in zip(names, (((0, 0, 0), (2, 3, 3)), ((2, 0, 0), (9, 3, 3))), strict=True):
+        write_stl(box(*ends), folder / f"{name}.stl")
+        clamp = name == names[0]
+        mesh = str(folder / f"{name}.stl")
+        meshes.append({"mesh": mesh, "material": "m0", "clamp": clamp})
+    data = rod_scene(gravity=[0.0, 0.0, -9.81]).to_si()
+    return Scene.from_si({**data, "body": {"parts": {"unit": "mm", "meshes": meshes, **more}}})
 
 
-@pytest.mark.parametrize("made", [pytest.param(along_a_ramp, marks=pytest.mark.slow), moving])
-def test_runs_choose_the_grid_that_is_asked_for(made: Callable[..., Scene], tmp_path: Path) -> None:
-    """Its frames are all in the folder, and an error out of reach leaves the folder as it was."""
-    scene = made(error=0.05)
-    result = run(scene, folder=tmp_path)
-    assert result.resolution["cells_across"] == 2
-    assert result.error_estimate < 0.05 * LENGTH
-    assert result.scene_hash == scene.hash()
-    assert len(Motion.load(tmp_path).times) == (4 if scene.static else 3)
-    np.testing.assert_array_equal(result.tip, run(scene.with_cells(2)).tip)
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(SceneError, match="within reach"):
-        run(Scene.from_si({**scene.to_si(), "resolution": {"error": 2e-6}}), folder=tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+def test_parts_are_compared_at_their_centers(tmp_path: Path) -> None:
+    """To first order a weight twice as large bends twice as far; here 0.3 % of the length, so to 1 %."""
+    scene = parts(tmp_path)
+    heavy = scene.with_material("m0", density=2.0 * 1882.0)
+    found = compare(scene, heavy)
+    center = found.results[0].segment_center[1] - np.array([5.5e-3, 1.5e-3, 1.5e-3])
+    assert found.distance == pytest.approx(float(np.linalg.norm(center)), rel=0.01)
+    assert found.uncertainty < 0.2 * found.distance
 
 
-@pytest.mark.slow
-def test_a_time_for_what_runs_along_time() -> None:
-    """Long enough on any machine for the coarsest grid; a microsecond ends its run at once."""
-    for scene in (along_a_ramp(2, seconds=20.0), moving(seconds=20.0)):
-        result = run(scene)
-        assert result.error_estimate is not None
-        cells = result.resolution["cells_across"]
-        np.testing.assert_allclose(
-            result.tip, run(scene.with_cells(cells)).tip, atol=1e-9 * LENGTH
-        )  # the same run
-        with pytest.raises(SceneError, match="must be enough for the coarsest grid"):
-            run(Scene.from_si({**scene.to_si(), "resolution": {"seconds": 1e-6}}))
-
-
-def test_a_path_that_fails_on_every_grid_leaves_files_of_one_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its last good state, in place of the results that were there; no grid was chosen, so there are no frames."""
-    assert run(along_a_ramp(error=0.05), folder=tmp_path).converged
+def test_a_run_that_fails_says_which_scene_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = {"quasi_static": {"steps": 2}}
+    scene = along(PLAIN, path, (0.1, 1.0))
     switched_off(monkeypatch, 0.6)
-    with pytest.raises(SolveError, match=r"t = 0\.75 s: switched off"):
-        run(along_a_ramp(4, error=0.05), folder=tmp_path)
-    saved = Result.load(tmp_path)
-    assert (saved.converged, saved.time) == (False, 0.5)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["result.json", "state.npz"]
+    with pytest.raises(
+        magmpm.SolveError, match=r"the first scene on 2 cells across: .*switched off"
+    ):
+        compare(scene, scene)
 
 
-def test_where_grids_jump_no_error_is_known() -> None:
-    """From jump to jump and as long on either side; of a jump that one grid alone has, all is compared."""
-    times = [0.1 * k for k in range(11)]
-    one, other = (
-        Frames(times, [np.full((1, 3), x * (t > at)) for t in times], [], [at])
-        for x, at in ((1.0, 0.45), (1.0, 0.55))
-    )
-    (span,) = near_jumps(one, other)
-    assert span == (pytest.approx(0.35), pytest.approx(0.65))
-    assert max(one.distances(other).values()) > 1.0
-    assert max(one.distances(other, "centreline", [span]).values()) == 0.0
-    other.jumps = []
-    assert near_jumps(one, other) == []
+MOTION = {"dynamic": {"duration": 1.0, "output_every": 0.5}}
+PATH = {"quasi_static": {"steps": 2}}
+WRONG: dict[str, tuple[Callable[[Path], tuple[Scene, Scene]], dict[str, Any], str]] = {
+    "other cells": (lambda at: (PLAIN, PLAIN.with_cells(3)), {}, "of 2 and 3 cells across"),
+    "error requested": (
+        lambda at: (PLAIN, Scene.from_si({**PLAIN.to_si(), "resolution": {"error": 0.01}})),
+        {},
+        r"gives no cells_across\n.*\n.*cells=4",
+    ),
+    "a rest and a path": (
+        lambda at: (PLAIN, along(PLAIN, PATH, (0.1, 1.0))),
+        {},
+        "an equilibrium and a run along time",
+    ),
+    "other ends": (
+        lambda at: (along(PLAIN, MOTION, (1.0, 1.0)), along(PLAIN, PATH, (1.0, 1.0, 1.0))),
+        {},
+        "runs of 1 s and 2 s",
+    ),
+    "catheter and parts": (
+        lambda at: (PLAIN, parts(at)),
+        {},
+        "a straight body and parts held, arm",
+    ),
+    "other parts": (
+        lambda at: (parts(at), parts(at, ("held", "leg"))),
+        {},
+        "parts held, arm and parts held, leg",
+    ),
+    "one tip": (lambda at: (parts(at), parts(at, tip="arm")), {}, "where both scenes name one"),
+    "no tip": (lambda at: (parts(at), parts(at)), {"of": "tip"}, "where both scenes name one"),
+    "no place": (lambda at: (PLAIN, PLAIN), {"of": "middle"}, "is centreline or tip"),
+    "too fine": (lambda at: (PLAIN, PLAIN), {"cells": 13}, "must be at most 12"),
+    "too coarse": (lambda at: (PLAIN, PLAIN), {"cells": 1}, "at least 2"),
+}
 
 
-def test_the_cost_of_knowing_an_error_is_said() -> None:
-    """A motion on 4 cells takes 16 times as long as on 2, on 3 cells 5 times, about."""
-    assert cost_in_words(PLAIN) == ""
-    assert "the whole motion is run on 2, 3 and 4 cells across: about 2" in cost_in_words(
-        moving(error=0.01)
-    )
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_pairs_are_refused_with_the_reason(name: str, tmp_path: Path) -> None:
+    made, more, says = WRONG[name]
+    with pytest.raises(magmpm.InputError, match=says):
+        compare(*made(tmp_path), **more)
+
+
+def test_it_is_public_and_says_its_numbers(tmp_path: Path) -> None:
+    files = [
+        scene.save(tmp_path / f"{name}.yaml")
+        for name, scene in (("one", PLAIN), ("other", PLAIN.with_material(shear_modulus=100e3)))
+    ]
+    found = magmpm.compare(files[0], str(files[1]))
+    assert isinstance(found, Comparison)
+    assert repr(found).startswith(f"Comparison({1e3 * found.distance:.3g} +- ")
+    assert "2 cells across, known from 4" in repr(found)

@@ -14,8 +14,8 @@ import magmpm
 from magmpm.bodies.assembly import different_names
 from magmpm.bodies.surface_mesh import Mesh, pack_mesh, write_stl
 from magmpm.cli import main
-from magmpm.compare import distance
 from magmpm.model import build
+from magmpm.runs import distance
 from magmpm.scene import Scene
 from magmpm.studies.fitting import read_measured
 
