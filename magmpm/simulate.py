@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,9 @@ from magmpm.solving.effects_choice import missed_effects as missed_effects
 from magmpm.solving.precompile import DERIVATIVES, SOLVE, prepare_kernels
 from magmpm.solving.several_grids import Runs, choose_grid, grids_of
 from magmpm.solving.solve import (
+    AS_IT_IS,
     Progress,
+    RunOptions,
     at_rest,
     end_of_path,
     finite,
@@ -83,23 +84,19 @@ def run(
                 "resume: received True without a folder; give the folder that holds the motion and"
                 " its checkpoint"
             )
-        saved = partial(
-            _saved_run, whole, start=start, folder=folder, resume=resume, on_begin=on_begin
-        )
-        if not by_user:
-            return saved(on_progress=on_progress)
-        return _told_run(whole, saved, on_progress, progress)
+        options = RunOptions(start, folder, resume, on_progress, on_begin)
+        return _told_run(whole, options, progress) if by_user else _saved_run(whole, options)
 
 
-def _told_run(
-    scene: Scene, saved: Callable[..., Result], on_progress: Progress | None, progress: bool | None
-) -> Result:
-    """The result of `saved(on_progress=...)`, with a bar for what runs along time, lines in the log, and its warnings."""
+def _told_run(scene: Scene, options: RunOptions, progress: bool | None) -> Result:
+    """The result, with a bar for what runs along time, lines in the log, and its warnings."""
     with notices.Watched(
         scene.name, scene.duration if scene.in_time else None, "s", progress
     ) as watched:
+        if scene.in_time:
+            options = replace(options, on_progress=watched.also(options.on_progress))
         try:
-            result = saved(on_progress=watched.also(on_progress) if scene.in_time else on_progress)
+            result = _saved_run(scene, options)
         except SolveError as error:
             if isinstance(error.state, Result):
                 notices.warn(error.state.warnings, scene.hash())
@@ -109,40 +106,26 @@ def _told_run(
     return result
 
 
-def _saved_run(
-    scene: Scene,
-    *,
-    start: Result | RodShape | None,
-    folder: Path | str | None,
-    resume: bool,
-    on_progress: Progress | None,
-    on_begin: Callable[[], None] | None,
-) -> Result:
+def _saved_run(scene: Scene, options: RunOptions) -> Result:
     """The run itself, saved where a folder is given."""
+    folder = options.folder
     if folder is None:
-        return simulated(scene, start=start, on_progress=on_progress, on_begin=on_begin)
+        return simulated(scene, options)
     if scene.in_time:
         frame_files()  # before the folder is made
-    begun = resume
+    begun = options.resume
 
     def begin() -> None:
         nonlocal begun
         begun = True
         for name in OF_EQUILIBRIUM:  # of an earlier run: not this motion's
             (Path(folder) / name).unlink(missing_ok=True)
-        if on_begin is not None:
-            on_begin()
+        if options.on_begin is not None:
+            options.on_begin()
 
     with folder_lock(folder):
         try:
-            result = simulated(
-                scene,
-                start=start,
-                folder=folder,
-                resume=resume,
-                on_progress=on_progress,
-                on_begin=begin,
-            )
+            result = simulated(scene, replace(options, on_begin=begin))
         except SolveError as error:
             if scene.in_time and error.state is not None:
                 _save_last(error, folder, begun)
@@ -167,45 +150,15 @@ def _save_last(error: SolveError, folder: Path | str, begun: bool) -> None:
         raise error from failure
 
 
-def simulated(
-    scene: Scene,
-    *,
-    start: Result | RodShape | Following | None = None,
-    folder: Path | str | None = None,
-    resume: bool = False,
-    on_progress: Progress | None = None,
-    on_begin: Callable[[], None] | None = None,
-    advise: bool = False,
-) -> Result:
-    """Run as `run` does, for callers that save the result: folder takes frames and checkpoints, nothing else. advise: as of `solve`."""
-    on_grid = partial(
-        solve,
-        folder=folder,
-        resume=resume,
-        on_progress=on_progress,
-        on_begin=on_begin,
-        advise=advise,
-    )
+def simulated(scene: Scene, options: RunOptions = AS_IT_IS) -> Result:
+    """Run as `run` does, for callers that save the result: the options' folder takes frames and checkpoints, nothing else."""
     if scene.effects.auto:
         choice = choose_effects(scene)
-        found = simulated(
-            choice.scene,
-            start=start,
-            folder=folder,
-            resume=resume,
-            on_progress=on_progress,
-            on_begin=on_begin,
-        )
+        found = simulated(choice.scene, replace(options, advise=False))
         return replace(found, effects_chosen=choice.reasons)
     if scene.resolution.requested:
-        return _resolved(
-            scene,
-            start,
-            on_progress,
-            on_grid if folder is not None and scene.in_time else None,
-            advise,
-        )[0]
-    return on_grid(scene, start=start)
+        return _resolved(scene, options)[0]
+    return solve(scene, options)
 
 
 def sensitivities(
@@ -258,7 +211,7 @@ def _differentiated(
     wanted = variables(scene, of)
     if scene.resolution.requested:
         prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=(DERIVATIVES,))
-        result, found = _resolved(scene, start, None)
+        result, found = _resolved(scene, RunOptions(start))
         if (
             found is None
         ):  # whole runs have chosen the grid, and left no equilibrium: of a path, or of parts
@@ -283,38 +236,28 @@ def _equilibrium(
     return end_of_path(scene)
 
 
-def _resolved(
-    scene: Scene,
-    start: object,
-    on_progress: Progress | None,
-    into_folder: Callable[[Scene], Result] | None = None,
-    advise: bool = False,
-) -> tuple[Result, Equilibrium | None]:
+def _resolved(scene: Scene, options: RunOptions) -> tuple[Result, Equilibrium | None]:
     """The answer on the grid that is chosen for the error or the time that a scene requests; of a straight body at rest as the solver found
-    it, too. into_folder: runs the scene on that grid once more, and writes its frames; nothing is written before the grid is chosen.
+    it, too. What runs along time is run on that grid once more into the folder, if one is given: nothing is written before it is chosen.
     """
-    if start is not None:
+    if options.start is not None:
         raise ValueError(
             "start: received one for a scene that asks for an error, whose grids are chosen in"
             " turn; give it cells_across"
         )
+    again = options.folder is not None and scene.in_time
     begun = time.perf_counter()
     grids = grids_of(scene)
 
     def second_run(cells: int) -> float:
-        return (
-            0.0
-            if into_folder is None
-            else (
-                grids.solved[cells].seconds
-                if cells in grids.solved
-                else grids.takes(cells, proof=False)
-            )
-        )
+        if not again:
+            return 0.0
+        known = grids.solved.get(cells)
+        return grids.takes(cells, proof=False) if known is None else known.seconds
 
     try:
         with remedies.named(scene):
-            choice, compiled = choose_grid(grids, on_progress, second_run)
+            choice, compiled = choose_grid(grids, options.on_progress, second_run)
     except SolveError as error:
         if isinstance(grids, Equilibria):
             raise with_state(
@@ -333,17 +276,17 @@ def _resolved(
         with one_blas_thread():  # as the solves: the same bits
             found = replace(found, stability=stability(found.energy, found.point))
         result = finite(result_of(grids.models[choice.cells], found, seconds))
-        result.warnings.extend(missed_loads(scene, found.energy, found.point) if advise else [])
+        result.warnings.extend(
+            missed_loads(scene, found.energy, found.point) if options.advise else []
+        )
     else:
         assert isinstance(grids, Runs)
-        result = (
-            grids.results[choice.cells]
-            if into_folder is None
-            else into_folder(grids.on(choice.cells))
-        )
-        judging = seconds["solve"] - (
-            grids.solved[choice.cells].seconds if into_folder is None else 0.0
-        )
+        judging = seconds["solve"]
+        if again:
+            result = solve(grids.on(choice.cells), options)
+        else:
+            result = grids.results[choice.cells]
+            judging -= grids.solved[choice.cells].seconds
         seconds = {
             **result.seconds,
             "setup": result.seconds["setup"] + judging,

@@ -124,6 +124,7 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
     """The run itself, with a line of progress."""
     from magmpm.simulate import simulated
     from magmpm.solving.several_grids import notes_before
+    from magmpm.solving.solve import RunOptions
 
     with of_file(options.scene):
         for note in notes_before(scene):
@@ -142,11 +143,13 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
 
         return simulated(
             scene,
-            folder=kept.path,
-            resume=kept.written,
-            on_progress=tell,
-            on_begin=kept.set_aside,
-            advise=True,
+            RunOptions(
+                folder=kept.path,
+                resume=kept.written,
+                on_progress=tell,
+                on_begin=kept.set_aside,
+                advise=True,
+            ),
         )
 
 

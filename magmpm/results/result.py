@@ -69,6 +69,7 @@ _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
     "resolution": None,
     "effects_chosen": None,
     "contacts": {},
+    "start": "",
 }
 
 
@@ -172,6 +173,9 @@ class Result:
     # no unit: part of the load (field, weight) that an equilibrium carries: less if the solve
     # failed on the way
     load_share: float = 1.0
+    # of an equilibrium, what its solve began from (statics.equilibrium.WAYS): rod, neighbor, given rod,
+    # coarser grid, whole load, growing load, growing branch
+    start: str = ""
     failure: str = (
         ""  # why the run stopped early; then this is not the answer but the last good state
     )

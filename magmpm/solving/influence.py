@@ -19,7 +19,7 @@ from magmpm.model import build
 from magmpm.results.measures import Frames, frames_of
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.solving.solve import solve
+from magmpm.solving.solve import RunOptions, solve
 
 NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 # of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
@@ -143,7 +143,7 @@ class Variants:
             and motion_seconds(coarse) > FINER * self.longest
         ):
             raise SolveError("a motion on a finer grid takes too long")
-        result = solve(coarse, on_frame=frames.see)
+        result = solve(coarse, RunOptions(on_frame=frames.see))
         return frames if frames.times else frames_of(result)
 
 

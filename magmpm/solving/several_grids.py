@@ -17,11 +17,19 @@ from magmpm.rod.cantilever import kink_warning
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.precompile import PROOFS, SOLVE, prepare_kernels
-from magmpm.solving.solve import solve
+from magmpm.solving.solve import RunOptions, solve
 from magmpm.statics.error_estimate import INTERMEDIATE
 from magmpm.statics.grids import PARTICLE, Equilibria, Grids, Solved, operations
 from magmpm.statics.newton import OnStep
-from magmpm.statics.resolution import PATIENCE, ChosenGrid, choose, first_cells, known_error, proofs
+from magmpm.statics.resolution import (
+    FLOOR,
+    PATIENCE,
+    ChosenGrid,
+    choose,
+    first_cells,
+    known_error,
+    proofs,
+)
 
 
 class Runs(Grids):
@@ -45,7 +53,7 @@ class Runs(Grids):
             if self.on_step is not None:
                 self.on_step(step, at)
 
-        result = solve(self.on(cells), on_progress=tell, on_frame=frames.see)
+        result = solve(self.on(cells), RunOptions(on_progress=tell, on_frame=frames.see))
         if not frames.times:
             frames = frames_of(result)
         frames.jumps = [jump["time"] for jump in result.jumps]
@@ -177,8 +185,11 @@ class Pair(Runs):
 
     @property
     def algebraic(self) -> float:
-        """Error that the solves of both leave, m."""
-        return sum(runs.algebraic for runs in self.each)
+        """Error that the solves of both leave, m: of equilibria FLOOR of the length at least."""
+        return sum(
+            max(runs.algebraic, FLOOR * runs.scene.length if runs.scene.static else 0.0)
+            for runs in self.each
+        )
 
 
 def _on_cells(scene: Scene, cells: int | None) -> Scene:

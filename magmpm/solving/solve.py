@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,23 +45,29 @@ Progress = Callable[[int, float], None]
 OnFrame = Callable[[float, Array, Array | None, Array], None]
 
 
-def solve(
-    scene: Scene,
-    *,
-    start: Result | RodShape | Following | None = None,
-    folder: Path | str | None = None,
-    resume: bool = False,
-    on_progress: Progress | None = None,
-    on_begin: Callable[[], None] | None = None,
-    on_frame: OnFrame | None = None,
-    advise: bool = False,
-) -> Result:
-    """Simulate a scene whose cells and effects are given: arguments and errors as of simulate.run, but only frames are written to folder.
+@dataclass(frozen=True)
+class RunOptions:
+    """Settings of a run beyond what its scene says; start, folder, resume, on_progress, on_begin: as of simulate.run.
 
     on_frame: called with each frame of what is solved along time, whether it is written or not. advise: warn of loads that equilibria lack
     (statics.unnamed_loads); of single ones of bodies that are no cantilevers always.
     """
-    if start is not None and scene.in_time:
+
+    start: Result | RodShape | Following | None = None
+    folder: Path | str | None = None
+    resume: bool = False
+    on_progress: Progress | None = None
+    on_begin: Callable[[], None] | None = None
+    on_frame: OnFrame | None = None
+    advise: bool = False
+
+
+AS_IT_IS = RunOptions()
+
+
+def solve(scene: Scene, options: RunOptions = AS_IT_IS) -> Result:
+    """Simulate a scene whose cells and effects are given: errors as of simulate.run, but only frames are written to a folder."""
+    if options.start is not None and scene.in_time:
         raise ValueError(
             "start: received one for a scene that moves, which begins undeformed; leave it out"
         )
@@ -68,13 +75,16 @@ def solve(
         scene.check_energy()
     with remedies.named(scene):
         if scene.solver.quasi_static is not None:
-            return _path(scene, folder, resume, on_progress, on_begin, on_frame, advise)[0]
-        if scene.solver.dynamic is not None:
-            return _motion(scene, folder, resume, on_progress, on_begin, on_frame)
-        result, found = at_rest(scene, start, on_progress)
-        advised = start is None and (advise or not is_cantilever(scene))
-        result.warnings.extend(missed_loads(scene, found.energy, found.point) if advised else [])
-        return result
+            return _path(scene, options)[0]
+        return (_rest if scene.static else _motion)(scene, options)
+
+
+def _rest(scene: Scene, options: RunOptions) -> Result:
+    """The equilibrium of a scene, with the warnings that are asked for."""
+    result, found = at_rest(scene, options.start, options.on_progress)
+    advised = options.start is None and (options.advise or not is_cantilever(scene))
+    result.warnings.extend(missed_loads(scene, found.energy, found.point) if advised else [])
+    return result
 
 
 def at_rest(
@@ -123,7 +133,7 @@ def end_of_path(scene: Scene) -> tuple[Result, Equilibrium]:
     """
     scene.check_energy()
     with remedies.named(scene):
-        result, state = _path(scene, None, False, None, None, None, False)
+        result, state = _path(scene, AS_IT_IS)
     branch = state.branch
     assert branch is not None  # of a fed catheter, it is None while all of it is in its guide
     point = branch.now.point
@@ -159,19 +169,17 @@ def finite(result: Result) -> Result:
     return result
 
 
-def _by_time(on_progress: Progress | None) -> Callable[[float, int], None]:
-    """A caller's on_progress(steps, time) as the solvers along time call it: (time, steps)."""
-    return lambda at, steps: None if on_progress is None else on_progress(steps, at)
+def _along_time(options: RunOptions) -> dict[str, Any]:
+    """Options as the solvers along time take them; they call on_progress(time, steps)."""
+    tell = options.on_progress or (lambda steps, at: None)
+    return {
+        "folder": options.folder,
+        "resume": options.resume,
+        "on_progress": lambda at, steps: tell(steps, at),
+    }
 
 
-def _motion(
-    scene: Scene,
-    folder: Path | str | None,
-    resume: bool,
-    on_progress: Progress | None,
-    on_begin: Callable[[], None] | None,
-    on_frame: OnFrame | None,
-) -> Result:
+def _motion(scene: Scene, options: RunOptions) -> Result:
     from magmpm.dynamics import (
         time_loop as dynamics,
     )  # needs HDF5: 20 MB that static designs do without
@@ -185,14 +193,12 @@ def _motion(
     ready = time.perf_counter()
 
     def see(state: SimulationState) -> None:
-        if on_frame is not None:
-            on_frame(state.time, *measures.of_particles(model, state.x))
+        if options.on_frame is not None:
+            options.on_frame(state.time, *measures.of_particles(model, state.x))
 
     try:
-        with written_folder(folder, resume, on_begin):
-            moved = dynamics.integrate(
-                moved, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see
-            )
+        with written_folder(options.folder, options.resume, options.on_begin):
+            moved = dynamics.integrate(moved, **_along_time(options), on_state=see)
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
         known = isinstance(error.state, dynamics.SimulationState)
@@ -203,15 +209,7 @@ def _motion(
     return finite(_moved_result(moved, seconds))
 
 
-def _path(
-    scene: Scene,
-    folder: Path | str | None,
-    resume: bool,
-    on_progress: Progress | None,
-    on_begin: Callable[[], None] | None,
-    on_frame: OnFrame | None,
-    advise: bool,
-) -> tuple[Result, PathState]:
+def _path(scene: Scene, options: RunOptions) -> tuple[Result, PathState]:
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
     begun = time.perf_counter()
@@ -227,9 +225,9 @@ def _path(
         return _path_result(state, seconds, failure)
 
     def see(state: PathState) -> None:
-        if on_frame is not None:
+        if options.on_frame is not None:
             shape = state.shape
-            on_frame(
+            options.on_frame(
                 state.time,
                 shape.centreline,
                 shape.tip,
@@ -237,10 +235,11 @@ def _path(
             )
 
     try:
-        with written_folder(folder, resume, on_begin), memory.within(scene):
-            state = quasi_static.follow(
-                scene, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see
-            )
+        with (
+            written_folder(options.folder, options.resume, options.on_begin),
+            memory.within(scene),
+        ):
+            state = quasi_static.follow(scene, **_along_time(options), on_state=see)
     except SolveError as error:
         raise _failed(
             error,
@@ -251,7 +250,7 @@ def _path(
             ),
         ) from None
     result = result_of(state)
-    if state.branch is not None and advise:
+    if state.branch is not None and options.advise:
         energy = state.branch.energy_at(state.time)
         point = state.branch.now.point
         with one_blas_thread():
@@ -415,6 +414,7 @@ def result_of(
         max_det_F=point.max_det_F,
         energy=point.energy,
         load_share=found.load_share,
+        start=found.start,
         contacts=_contacts(model, point.touched, point.own),
     )
 

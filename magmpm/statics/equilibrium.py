@@ -109,7 +109,7 @@ class Equilibrium:
     shape, in the rod's frames, a start for a neighboring design; warnings: what a user should know; load_share: share of the load
     in this state; energy: of the model with its axes in the solver's order (None where the solve failed), its matrix with the last factors;
     stability: smallest eigenvalue of the tangent over the unloaded body's (statics.stability), None where the solve failed; model: whose
-    it is, where the solve failed.
+    it is, where the solve failed; start: name of the way in which the solve began (WAYS).
     """
 
     point: Point
@@ -120,6 +120,7 @@ class Equilibrium:
     energy: Energy | InteractingEnergy | None = None
     stability: float | None = None
     model: StaticModel | None = None
+    start: str = ""
 
 
 def solve_static(
@@ -275,53 +276,76 @@ def _settle(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
         raise
     except SolveError as error:
         warnings = [f"{error.reason}; the load and the interaction were ramped together"]
-        return _ramped(model, RAMP_STEPS, warnings, settled)
+        return replace(_ramped(model, RAMP_STEPS, warnings, settled), start="growing load")
+
+
+@dataclass
+class _Task:
+    """A solve under the load that a scene names. count: equal steps in which its load grows, where it has to; warnings: so far."""
+
+    energy: Energy
+    start: _Start
+    on_step: OnStep | None
+    count: int
+    warnings: list[str] = field(default_factory=list)
 
 
 def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equilibrium:
-    """Equilibrium on the branch that grows from zero load, or near the rod's shape that is given."""
-    options = model.scene.solver.static
-    warnings: list[str] = []
-    energy, chord = (
-        (Energy(model), USUAL)
-        if start.following is None
-        else (start.following.loaded(model), FOLLOWING)
-    )
+    """Equilibrium on the branch from zero load, or near the rod's shape that is given: by the first of WAYS that applies and has one."""
+    following = start.following
+    energy = Energy(model) if following is None else following.loaded(model)
+    straight_body = isinstance(model.scene.body.shape, StraightBody)
+    # by arcs, parts come to rest from the whole load at once
+    usual = RAMP_STEPS if straight_body else 1
+    count = model.scene.solver.static.field_steps or usual
+    task = _Task(energy, start, on_step, count)
+    for name, applies, solve in WAYS:
+        found = solve(task) if applies(task) else None
+        if found is not None:
+            return replace(found, start=found.start or name)
+    raise AssertionError("the last way always leads to an equilibrium, or raises")
+
+
+def _has_rod(task: _Task) -> bool:
+    """True if the rod model of the body tells where to begin, and nothing says that the load is to grow."""
+    scene = task.energy.model.scene
+    body = scene.body.shape
+    at_once = scene.solver.static.field_steps is None
+    return isinstance(body, StraightBody) and body.clamp == "base" and at_once
+
+
+def _from_rod(task: _Task) -> Equilibrium | None:
+    """Equilibrium near the rod's, from a neighbor's correction of it or from the rod alone; None where there is none, and why is noted."""
+    energy = task.energy
+    model = energy.model
     body = model.scene.body.shape
-    if start.rod is not None:
-        return _near_rod(energy, start.rod, on_step)
-    if model.driven:
-        return _along_branch(model, options.field_steps or RAMP_STEPS, on_step)
-    if not isinstance(
-        body, StraightBody
-    ):  # by arcs, parts come to rest from the whole load at once
-        return _ramp(model, options.field_steps or 1, on_step, warnings)
-    if options.field_steps is not None or body.clamp != "base":
-        return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
+    assert isinstance(body, StraightBody)  # _has_rod
     try:
         rod = solve_rod(model.scene, time=model.time)
     except SolveError as error:
-        warnings.append(f"{error}; the load was ramped in the 3D solve")
-        return _ramp(model, RAMP_STEPS, on_step, warnings)
-    steps = 0
-    starts = _starts(energy, rod, start)
+        task.warnings.append(f"{error}; the load was ramped in the 3D solve")
+        return None
+    starts = _starts(energy, rod, task.start)
     if model.touching is not None and any(
-        len(model.touching.touched(model.effects, begin).on) for begin in starts
+        len(model.touching.touched(model.effects, begin).on) for begin in starts.values()
     ):
-        return _ramp(
-            model, 1, on_step, warnings
-        )  # this rod lies in an obstacle. 135 drawn scenes: at once as in 8 or 32 steps
-    if model.pairs is not None and any(len(model.pairs.touched(begin).point) for begin in starts):
-        return _ramp(model, RAMP_STEPS, on_step, warnings)  # this rod goes through itself
-    for begin in starts:
+        # this rod lies in an obstacle. 135 drawn scenes: at once as in 8 or 32 steps
+        task.count = 1
+        return None
+    if model.pairs is not None and any(
+        len(model.pairs.touched(begin).point) for begin in starts.values()
+    ):
+        return None  # this rod goes through itself
+    steps = 0
+    for name, begin in starts.items():
         try:
             found = minimize(
                 energy,
                 begin,
-                tolerance=options.tolerance,
+                tolerance=model.scene.solver.static.tolerance,
                 max_steps=_most_steps(model),
-                on_step=on_step,
-                chord=chord,
+                on_step=task.on_step,
+                chord=USUAL if task.start.following is None else FOLLOWING,
             )
         except TimeOver:
             raise
@@ -331,37 +355,45 @@ def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
         steps += found.steps
         if _distance(model, found.point, rod) < body.branch_distance:
             correction = local_correction(model, rod, found.point.grid)
-            return Equilibrium(found.point, steps, correction, warnings, energy=energy)
-    warnings.append(
+            return Equilibrium(
+                found.point, steps, correction, task.warnings, energy=energy, start=name
+            )
+    task.warnings.append(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve"
         " instead"
     )
-    return _ramp(model, RAMP_STEPS, on_step, warnings)
+    return None
 
 
-def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
-    """Starts of a solve, the next one for where the first fails: a neighbor's correction, then the rod alone.
+def _starts(energy: Energy, rod: RodShape, start: _Start) -> dict[str, Array]:
+    """Starts of a solve by their names, the next one for where the first fails: a neighbor's correction, then the rod alone.
 
     Where neighbors are followed, what they tell is an extrapolation, which may be worse than the rod: the lower energy is the first.
     """
     model = energy.model
-    known = start.correction
     alone = from_rod(model, rod)
+    known = start.correction
     correction = known if start.following is None else start.following.expected(rod)
     if correction is None or correction.shape != alone.shape:
-        return [alone]
-    starts = [with_correction(model, rod, correction), alone]
-    return (
-        starts
-        if start.following is None
-        else sorted(starts, key=lambda grid: energy.at(grid).energy)
-    )
+        return {"rod": alone}
+    starts = {"neighbor": with_correction(model, rod, correction), "rod": alone}
+    if start.following is None:
+        return starts
+    return dict(sorted(starts.items(), key=lambda one: energy.at(one[1]).energy))
 
 
-def _near_rod(energy: Energy, rod: RodShape, on_step: OnStep | None) -> Equilibrium:
+def _all_of_it(task: _Task) -> Equilibrium:
+    """The whole load, in as many steps as the task says, or more where it has to."""
+    return _ramp(task.energy.model, task.count, task.on_step, task.warnings)
+
+
+def _near_rod(task: _Task) -> Equilibrium:
     """Equilibrium near a rod's shape. Raises SolveError if the solve leads away from it."""
+    energy = task.energy
     model = energy.model
-    options = energy.model.scene.solver.static
+    rod = task.start.rod
+    assert rod is not None  # the way applies
+    options = model.scene.solver.static
     body = model.scene.body.shape
     assert isinstance(body, StraightBody)  # solve_static has looked
     found = minimize(
@@ -369,7 +401,7 @@ def _near_rod(energy: Energy, rod: RodShape, on_step: OnStep | None) -> Equilibr
         from_rod(model, rod),
         tolerance=options.tolerance,
         max_steps=options.max_steps,
-        on_step=on_step,
+        on_step=task.on_step,
     )
     if (distance := _distance(model, found.point, rod)) >= body.branch_distance:
         away = f"it went to one {100 * distance:.2g} % of the length away"
@@ -394,8 +426,10 @@ def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
     )
 
 
-def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equilibrium:
-    """Equilibrium to which a branch leads as loads, and what is moved, grow in `count` equal steps: a strip that is compressed buckles."""
+def _along_branch(task: _Task) -> Equilibrium:
+    """Equilibrium to which a branch leads as loads, and what is moved, grow in equal steps: a strip that is compressed buckles."""
+    model = task.energy.model
+    count = task.count
     options = model.scene.solver.static
     loads = GrowingLoads(model)
     rest = straight(model)
@@ -403,7 +437,7 @@ def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equ
     warnings = []
     steps = 0
     branch = EquilibriumPath(
-        loads, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+        loads, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=task.on_step
     )
     try:
         branch.settle_in(rest)
@@ -513,8 +547,20 @@ def solve_from(model: StaticModel, start: Array, *, on_step: OnStep | None = Non
         found = minimize(
             energy, start, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
         )
-    reached = Equilibrium(found.point, found.steps, np.zeros_like(start), energy=energy)
+    still = np.zeros_like(start)
+    reached = Equilibrium(found.point, found.steps, still, energy=energy, start="coarser grid")
     outside = _outside_domain(model, found.point, reached)
     if outside is not None:
         raise outside
     return reached
+
+
+# Ways to begin a solve, in the order in which they are tried: the name in results, when it applies, and the solve, which is None
+# where the next one is to be tried.
+WAYS: tuple[tuple[str, Callable[[_Task], bool], Callable[[_Task], Equilibrium | None]], ...] = (
+    ("given rod", lambda task: task.start.rod is not None, _near_rod),
+    ("growing branch", lambda task: bool(task.energy.model.driven), _along_branch),
+    ("rod", _has_rod, _from_rod),
+    ("whole load", lambda task: task.count == 1, _all_of_it),
+    ("growing load", lambda task: True, _all_of_it),
+)

@@ -20,6 +20,7 @@ from magmpm.scene.addresses import value_at, written
 from magmpm.scene.apparatus import Apparatus
 from magmpm.scene.variables import ADDRESS
 from magmpm.simulate import run, sensitivities, simulated
+from magmpm.solving.solve import RunOptions
 from magmpm.statics.equilibrium import Following
 from magmpm.studies.fitting.constants import Constant, applied, chain
 from magmpm.studies.fitting.table import Measurements, Readings
@@ -259,7 +260,9 @@ class Prediction:
         self._following.expected = lambda rod: self._last.get(index)
         self.solves += 1
         near = sensitivities(scene, of=words, start=self._following) if slopes else None
-        result = simulated(scene, start=self._following) if near is None else near.result
+        result = (
+            simulated(scene, RunOptions(start=self._following)) if near is None else near.result
+        )
         self._last[index] = result.grid_correction
         if near is None:
             return Axis.alone(result.centreline, tip_of(result))

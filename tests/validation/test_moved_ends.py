@@ -15,7 +15,7 @@ from magmpm.dynamics.time_loop import SimulationState, begin, integrate
 from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.model import build
 from magmpm.scene import Scene
-from magmpm.solving.solve import solve
+from magmpm.solving.solve import RunOptions, solve
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 
@@ -209,5 +209,5 @@ def test_a_shaken_cantilever_follows_its_base() -> None:
         solver={"dynamic": {"duration": 6 * period, "output_every": period / 64}},
     )
     seen: list[float] = []
-    solve(scene, on_frame=lambda time, axis, tip, centers: seen.append(float(tip[2])))
+    solve(scene, RunOptions(on_frame=lambda time, axis, tip, _: seen.append(float(tip[2]))))
     assert np.ptp(seen[-64:]) / 2 / swing == pytest.approx(theory, rel=0.03)

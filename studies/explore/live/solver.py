@@ -21,6 +21,7 @@ from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import simulated
+from magmpm.solving.solve import RunOptions
 from magmpm.statics.axis import centreline
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Following
@@ -210,7 +211,7 @@ def _answer(
             raise Overtaken
 
     try:
-        result = simulated(scene, start=following, on_progress=look)
+        result = simulated(scene, RunOptions(start=following, on_progress=look))
         rms = None if target is None else root_mean_square(gaps(result, target))
         return "result", result, rms
     except Overtaken:

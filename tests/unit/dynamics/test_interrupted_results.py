@@ -17,6 +17,7 @@ from magmpm.dynamics.time_loop import begin
 from magmpm.model import build
 from magmpm.results.file_names import ARRAYS, CHECKPOINT, ENERGIES, JUMPS, MOTION, NUMBERS, STEPS
 from magmpm.simulate import simulated
+from magmpm.solving.solve import RunOptions
 
 BODY = {
     "catheter": {
@@ -119,7 +120,7 @@ def interrupt(scene: Scene, folder: Path, moment: float) -> None:
             raise Interrupted
 
     with suppress(Interrupted):
-        simulated(scene, folder=folder, resume=True, on_progress=after)
+        simulated(scene, RunOptions(folder=folder, resume=True, on_progress=after))
 
 
 RAMP = {"over_time": {"ramp": {"duration": 1.0}}, "uniform": [-8e-3, 0.0, 0.0]}
