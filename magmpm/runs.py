@@ -177,7 +177,7 @@ def compare(
     if by_user:
         notices.warn(known.report.get("warnings", []), one.hash())
     time = max(apart, key=lambda t: apart[t])
-    first, second = (runs.results[across] for runs in pair.each)
+    first, second = (pair.answer(scene, across).result for scene in pair.scenes)
     return Comparison(
         distance=apart[time],
         uncertainty=known.error,

@@ -263,10 +263,9 @@ def _resolved(scene: Scene, options: RunOptions) -> tuple[Result, Equilibrium | 
             raise with_state(
                 error, {"setup": 0.0, "compile": 0.0, "solve": time.perf_counter() - begun}
             ) from None
-        if isinstance(grids, Runs) and grids.results and error.state is None:
-            error.state = replace(
-                next(iter(grids.results.values())), converged=False, failure=error.reason
-            )
+        if isinstance(grids, Runs) and grids.solved and error.state is None:
+            first = grids.answer(cells=next(iter(grids.solved))).result
+            error.state = replace(first, converged=False, failure=error.reason)
         raise
     seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
     found = None
@@ -285,7 +284,7 @@ def _resolved(scene: Scene, options: RunOptions) -> tuple[Result, Equilibrium | 
         if again:
             result = solve(grids.on(choice.cells), options)
         else:
-            result = grids.results[choice.cells]
+            result = grids.answer(cells=choice.cells).result
             judging -= grids.solved[choice.cells].seconds
         seconds = {
             **result.seconds,

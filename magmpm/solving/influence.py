@@ -7,7 +7,7 @@ take hundredths of a second, and elsewhere where the advice depends on it.
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from magmpm.effects.base import Effect
 from magmpm.effects.self_contact import gap
 from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
 from magmpm.model import build
-from magmpm.results.measures import Frames, frames_of
+from magmpm.results.measures import Frames
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.solving.solve import RunOptions, solve
+from magmpm.solving.several_grids import Runs
 
 NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 # of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
@@ -63,21 +63,20 @@ class Advice:
     why: str
 
 
-class Variants:
+class Variants(Runs):
     """A scene and others that differ from it by their effects, each run once on a coarse grid.
 
     error: m, that the answer may have, what the scene requests unless given; longest: s, that a motion may take about.
     """
 
     def __init__(self, scene: Scene, error: float | None = None, longest: float = LONGEST) -> None:
-        self.scene = scene
+        super().__init__(scene)
         self.error = error or scene.allowed_error
         self.longest = longest
         self.cells = coarsest_cells(scene)
         self.duration = scene.duration
         if scene.solver.dynamic is not None:
             self.duration *= min(1.0, longest / motion_seconds(scene.with_cells(self.cells)))
-        self._found: dict[tuple[Any, int], Frames | MagmpmError] = {}
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
         """Distance between two variants. Raises SolveError where one has no answer or takes too long, InputError where it can't be run."""
@@ -98,16 +97,7 @@ class Variants:
 
     def frames(self, scene: Scene, finer: int = 0) -> Frames:
         """Frames of a variant, with so many cells more than the fewest. Raises as `shift`."""
-        key = tuple(scene.effects.named().items()), finer
-        if key not in self._found:
-            try:
-                self._found[key] = self._run(scene, self.cells + finer)
-            except MagmpmError as failure:
-                self._found[key] = failure
-        found = self._found[key]
-        if isinstance(found, MagmpmError):
-            raise found
-        return found
+        return self.answer(scene, self.cells + finer).frames
 
     def _rough(self, scene: Scene, other: Scene) -> bool:
         """True if what distinguishes two variants is resolved only roughly by the coarsest grid: contact, or blocks of its cells' size."""
@@ -120,7 +110,8 @@ class Variants:
     def _distance(self, scene: Scene, other: Scene, finer: int) -> float:
         return max(self.frames(scene, finer).distances(self.frames(other, finer)).values())
 
-    def _run(self, scene: Scene, cells: int) -> Frames:
+    def made(self, scene: Scene, cells: int) -> Scene:
+        """A variant as it is run, no longer than may be. Raises SolveError if a finer motion would take too long."""
         data = scene.to_si()
         if scene.solver.dynamic is not None:
             data["solver"]["dynamic"] |= {
@@ -136,15 +127,13 @@ class Variants:
                 ]
             }
         coarse = Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells)
-        frames = Frames()
         if (
             cells > self.cells
             and coarse.solver.dynamic is not None
             and motion_seconds(coarse) > FINER * self.longest
         ):
             raise SolveError("a motion on a finer grid takes too long")
-        result = solve(coarse, RunOptions(on_frame=frames.see))
-        return frames if frames.times else frames_of(result)
+        return coarse
 
 
 def motion_seconds(scene: Scene) -> float:

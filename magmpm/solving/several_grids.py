@@ -3,13 +3,21 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from magmpm.effects.acting import instant_modulus
-from magmpm.errors import InputError, SceneError, SolveError, length, quantity, significant
+from magmpm.errors import (
+    InputError,
+    MagmpmError,
+    SceneError,
+    SolveError,
+    length,
+    quantity,
+    significant,
+)
 from magmpm.materials import pressure_wave_speed
 from magmpm.results.measures import Frames, frames_of, near_jumps
 from magmpm.results.result import Result
@@ -17,9 +25,16 @@ from magmpm.rod.cantilever import kink_warning
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.precompile import PROOFS, SOLVE, prepare_kernels
-from magmpm.solving.solve import RunOptions, solve
+from magmpm.solving.solve import Progress, RunOptions, solve
 from magmpm.statics.error_estimate import INTERMEDIATE
-from magmpm.statics.grids import PARTICLE, Equilibria, Grids, Solved, operations
+from magmpm.statics.grids import (
+    PARTICLE,
+    Equilibria,
+    Grids,
+    Solved,
+    left_by_solve,
+    operations,
+)
 from magmpm.statics.newton import OnStep
 from magmpm.statics.resolution import (
     FLOOR,
@@ -32,44 +47,80 @@ from magmpm.statics.resolution import (
 )
 
 
+@dataclass(frozen=True)
+class DoneRun:
+    """A run that was done: its result, and its frames (of a single equilibrium that one); seconds it took, kernels apart."""
+
+    result: Result
+    frames: Frames
+    seconds: float
+
+    @property
+    def moved(self) -> float:
+        """The farthest that a particle is from where it was, m."""
+        result = self.result
+        return float(np.abs(result.particle_position - result.particle_reference).max())
+
+
 class Runs(Grids):
-    """Whole runs on several grids: along time, or of bodies that are not straight. results and frames by cells across."""
+    """Whole runs of a scene, and of others that differ from it, each done once: along time, or of bodies that are not straight."""
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self.results: dict[int, Result] = {}
-        self.frames: dict[int, Frames] = {}
         self.of: str = scene.resolution.of
+        self._answers: dict[tuple[str, int], DoneRun | MagmpmError] = {}
+
+    def answer(
+        self,
+        change: Scene | None = None,
+        cells: int | None = None,
+        on_progress: Progress | None = None,
+    ) -> DoneRun:
+        """The answer of the scene, or of a `change` of it, on its cells or on so many across; raises as a run does."""
+        scene = self.scene if change is None else change
+        across = scene.resolution.cells_across if cells is None else cells
+        key = (scene.hash(), across)
+        if key not in self._answers:
+            try:
+                self._answers[key] = _answered(self.made(scene, across), on_progress)
+            except MagmpmError as failure:
+                self._answers[key] = failure
+        found = self._answers[key]
+        if isinstance(found, MagmpmError):
+            raise found
+        return found
+
+    def made(self, scene: Scene, cells: int) -> Scene:
+        """The scene as it is run on so many cells across."""
+        return scene.with_cells(cells)
 
     def solve(self, cells: int) -> None:
         """Run the scene, if it has not been."""
         if cells in self.solved:
             return
         begun = time.perf_counter()
-        frames = Frames()
 
         def tell(step: int, at: float) -> None:
             self._check_hopeful(cells, time.perf_counter() - begun, at)
             if self.on_step is not None:
                 self.on_step(step, at)
 
-        result = solve(self.on(cells), RunOptions(on_progress=tell, on_frame=frames.see))
-        if not frames.times:
-            frames = frames_of(result)
-        frames.jumps = [jump["time"] for jump in result.jumps]
-        seconds = time.perf_counter() - begun - result.seconds["compile"]
-        moved = float(np.abs(result.particle_position - result.particle_reference).max())
-        self.results[cells], self.frames[cells] = result, frames
+        found = self.answer(cells=cells, on_progress=tell)
+        result = found.result
         self.solved[cells] = Solved(
             cells,
             True,
-            seconds,
+            found.seconds,
             result.iterations,
             result.dof,
             result.centreline,
             result.tip,
-            moved,
+            found.moved,
         )
+
+    def frames_on(self, cells: int) -> Frames:
+        """Frames of the answer on so many cells across."""
+        return self.answer(cells=cells).frames
 
     def times(self, cells: int) -> float:
         """Cost of a run on a grid together with its error, over that of the run alone."""
@@ -121,11 +172,17 @@ class Runs(Grids):
     def distances(self, coarse: int, fine: int) -> dict[float, float]:
         """The largest distance (m) in each frame but those near a jump, by its time (s)."""
         spans = self.spans(coarse, fine)
-        return self.frames[coarse].distances(self.frames[fine], self.of, spans)
+        return self.frames_on(coarse).distances(self.frames_on(fine), self.of, spans)
 
     def spans(self, coarse: int, fine: int) -> list[tuple[float, float]]:
-        """Spans of time (s) around jumps, in which the two grids may be on different branches."""
-        return near_jumps(self.frames[coarse], self.frames[fine])
+        """Spans of time (s) around jumps, in which two grids may be on different branches."""
+        return [
+            span
+            for scene in self.scenes
+            for span in near_jumps(
+                self.answer(scene, coarse).frames, self.answer(scene, fine).frames
+            )
+        ]
 
     def takes(self, cells: int, proof: bool) -> float:
         """Seconds, from those of the finest grid that was run."""
@@ -150,35 +207,27 @@ class Pair(Runs):
 
     def __init__(self, one: Scene, other: Scene, cells: int | None, of: str) -> None:
         """cells: across both, None: their own; of: centreline or tip. Raises InputError where they can't be compared."""
-        first = _on_cells(one, cells)
-        second = _on_cells(other, cells)
-        _check_comparable(first, second, of)
-        super().__init__(first)
+        super().__init__(_on_cells(one, cells))
+        self.other = _on_cells(other, cells)
         self.of = of
-        self.each = (Runs(first), Runs(second))
+        _check_comparable(self.scene, self.other, of)
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
-        return tuple(runs.scene for runs in self.each)
+        return self.scene, self.other
 
     def solve(self, cells: int) -> None:
         """Run both scenes. Raises SolveError that says which of them failed."""
-        for word, runs in zip(("first", "second"), self.each, strict=True):
-            try:
-                runs.solve(cells)
-            except SolveError as error:
-                where = f"the {word} scene on {cells} cells across"
-                raise type(error)(f"{where}: {error.reason}", error.state) from None
-        one, other = self.each
-        self.frames[cells] = one.frames[cells].minus(other.frames[cells])
-        self.solved[cells] = one.solved[cells]
+        super().solve(cells)
+        self.answer(self.other, cells)
 
-    def spans(self, coarse: int, fine: int) -> list[tuple[float, float]]:
-        return [span for runs in self.each for span in runs.spans(coarse, fine)]
+    def frames_on(self, cells: int) -> Frames:
+        one, other = (self.answer(scene, cells).frames for scene in self.scenes)
+        return one.minus(other)
 
     def apart(self, cells: int, finer: int) -> dict[float, float]:
         """The largest distance (m) of the two answers on `cells` in each frame, by its time (s), but near jumps."""
-        found = self.frames[cells].sizes(self.of, self.spans(cells, finer))
+        found = self.frames_on(cells).sizes(self.of, self.spans(cells, finer))
         if not found:
             raise SolveError("the answers can't be compared: all frames are near a jump of a path")
         return found
@@ -186,10 +235,24 @@ class Pair(Runs):
     @property
     def algebraic(self) -> float:
         """Error that the solves of both leave, m: of equilibria FLOOR of the length at least."""
+        if not self.scene.static:
+            return 0.0
+        cells = next(iter(self.solved))
         return sum(
-            max(runs.algebraic, FLOOR * runs.scene.length if runs.scene.static else 0.0)
-            for runs in self.each
+            max(left_by_solve(scene, self.answer(scene, cells).moved), FLOOR * scene.length)
+            for scene in self.scenes
         )
+
+
+def _answered(scene: Scene, on_progress: Progress | None) -> DoneRun:
+    """Run a scene."""
+    begun = time.perf_counter()
+    frames = Frames()
+    result = solve(scene, RunOptions(on_progress=on_progress, on_frame=frames.see))
+    if not frames.times:
+        frames = frames_of(result)
+    frames.jumps = [jump["time"] for jump in result.jumps]
+    return DoneRun(result, frames, time.perf_counter() - begun - result.seconds["compile"])
 
 
 def _on_cells(scene: Scene, cells: int | None) -> Scene:

@@ -95,12 +95,13 @@ class Grids(ABC):
 
     @property
     def algebraic(self) -> float:
-        """Error that the solves themselves leave, m: they end at a fraction of the energy."""
-        return (
-            ALGEBRAIC
-            * float(np.sqrt(self.scene.solver.static.tolerance))
-            * next(iter(self.solved.values())).moved
-        )
+        """Error that the solves themselves leave, m."""
+        return left_by_solve(self.scene, next(iter(self.solved.values())).moved)
+
+
+def left_by_solve(scene: Scene, moved: float) -> float:
+    """Error (m) that a solve leaves where the body went as far as `moved` (m): it ends at a fraction of the energy."""
+    return ALGEBRAIC * float(np.sqrt(scene.solver.static.tolerance)) * moved
 
 
 class Equilibria(Grids):

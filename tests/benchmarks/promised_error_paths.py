@@ -55,10 +55,10 @@ def judged(scene: Scene, seed: int) -> dict[str, Any]:
     except MagmpmError as error:
         return {**row, "failed": str(error)}
     skip = [
-        *near_jumps(runs.frames[cells], runs.frames[cells + MORE]),
+        *near_jumps(runs.frames_on(cells), runs.frames_on(cells + MORE)),
         *map(tuple, result.resolution["unknown"]),
     ]
-    off = runs.frames[cells].distances(runs.frames[cells + MORE], scene.resolution.of, skip)
+    off = runs.frames_on(cells).distances(runs.frames_on(cells + MORE), scene.resolution.of, skip)
     row["at"] = max(off, key=lambda t: off[t])
     return {
         **row,
