@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
+import os
+import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import yaml
 
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, length, require
@@ -24,11 +31,12 @@ from magmpm.studies.problem.study import Study
 
 __all__ = ["design", "fit", "influence", "sweep"]
 
+FILES = "files"  # the folder of what a study given as a dict holds
 SceneLike = Scene | Path | str | Mapping[str, Any]
 
 
 def design(
-    study: Study | Path | str,
+    study: Study | Path | str | Mapping[str, Any],
     *,
     folder: Path | str | None = None,
     trials: int | None = None,
@@ -39,14 +47,19 @@ def design(
     """Search the design that makes a target shape, or reaches the `goal` of its file, or go on with the search, as `magmpm design` does
     without its pictures.
 
-    study: the path of a study file, or the Study that load_study makes of one. folder: of the results, runs/NAME unless given; best/ in it
-    holds the best design as a Result and as a scene. trials, sampler: in place of the file's. more: workers, storage, on_trial and the
+    study: the path of a study file, the Study that load_study makes of one, or a dict with the keys of such a file: there `scene` may be a
+    Scene, a target or path an array (q, 4) of rows [s, x, y, z] or (q, 3) of points, m, and `python` a function of a module or script;
+    paths are relative to the working folder. As a file it is kept in the folder of the results, study_HASH/NAME.yaml.
+    folder: of the results, runs/NAME unless given; NAME is the file's, or the scene's of a dict; best/ in it holds the best design as a
+    Result and as a scene. trials, sampler: in place of the file's. more: workers, storage, on_trial and the
     other options of studies.engine.loop.run_study. Lengths of the report are in m.
     progress: whether a bar is shown; None: on a terminal and in notebooks, unless MAGMPM_PROGRESS is 0. Warnings of the report are also
     given as MagmpmWarning, once a study.
     Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept; TypeError for an unknown option.
     """
     require("optuna", "design", key="magmpm.design", use="studies")
+    if isinstance(study, Mapping):
+        study, folder = _as_file(study, folder)
     if isinstance(study, (str, Path)) and has_goal(study):
         return _for_goal(study, folder, trials, sampler, progress, more)
     from magmpm.simulate import run, sensitivities
@@ -86,6 +99,79 @@ def design(
         watched.ended(report)
     notices.warn(report.warnings, of)
     return report
+
+
+def _as_file(study: Mapping[str, Any], folder: Path | str | None) -> tuple[Path, Path]:
+    """Write a study given as a dict into a folder of its own in that of its results. Returns the path of its file, and the latter folder.
+
+    The folder's name is of what it holds, so that another study never takes its place. Raises InputError.
+    """
+    scene = study.get("scene")
+    name = scene.name if isinstance(scene, Scene) else Path(str(scene)).stem
+    out = Path("runs") / name if folder is None else Path(folder)
+    part = out / f"study_{os.getpid()}.part"
+    (part / FILES).mkdir(parents=True)
+    try:
+        said = yaml.safe_dump(_said(study, part, ""), sort_keys=False)
+        (part / f"{name}.yaml").write_text(said, encoding="utf-8")
+        content = b"".join(path.read_bytes() for path in sorted(part.rglob("*.*")))
+        kept = out / f"study_{hashlib.sha256(content).hexdigest()[:8]}"
+        if not kept.exists():
+            part.rename(kept)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return kept / f"{name}.yaml", out
+
+
+def _said(value: Any, folder: Path, key: str) -> Any:
+    """A value of a study given in Python as its file says it; scenes and tables become files in the folder. Raises InputError."""
+    if isinstance(value, Mapping):
+        return {name: _said(one, folder, f"{key}.{name}".strip(".")) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_said(one, folder, f"{key}.{k}") for k, one in enumerate(value)]
+    if isinstance(value, Scene):
+        return f"{FILES}/{value.save(folder / FILES / f'{key}.yaml').name}"
+    if isinstance(value, np.ndarray):
+        return f"{FILES}/{_table(value, folder / FILES / f'{key}.csv', key)}"
+    if callable(value):
+        return _place_of(value, key)
+    named = key.rpartition(".")[2] in ("scene", "centreline", "path", "python")
+    if isinstance(value, Path) or (named and isinstance(value, str)):
+        return str(Path(value).resolve())
+    return value
+
+
+def _table(points: np.ndarray, path: Path, key: str) -> str:
+    """The name of a table with these points, (q, 4) m of rows [s, x, y, z], or (q, 3) m, whose arc length is that of their polygon."""
+    rows = np.asarray(points, dtype=float)
+    if rows.ndim != 2 or rows.shape[1] not in (3, 4):
+        raise InputError(
+            key,
+            received=f"an array {rows.shape}",
+            rule="must have rows [x, y, z] or [s, x, y, z], m",
+            remedy="give, say, np.column_stack([x, y, z])",
+        )
+    if rows.shape[1] == 3:
+        chords = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+        rows = np.column_stack([np.concatenate([[0.0], np.cumsum(chords)]), rows])
+    lines = [",".join(repr(float(x)) for x in row) for row in 1e3 * rows]
+    path.write_text("\n".join(["s_mm,x_mm,y_mm,z_mm", *lines, ""]), encoding="utf-8")
+    return path.name
+
+
+def _place_of(function: Any, key: str) -> str:
+    """FILE.py:FUNCTION of a function, by which the processes that run trials find it. Raises InputError where a file alone can't."""
+    name = getattr(function, "__qualname__", repr(function))
+    module = inspect.getmodule(function)
+    file = Path(getattr(module, "__file__", None) or "")
+    if not name.isidentifier() or file.suffix != ".py":
+        raise InputError(
+            key,
+            received=name,
+            rule="must be a function at the top level of a file: other processes read it there",
+            remedy="write it into a file, say goal.py, and give `from goal import FUNCTION`",
+        )
+    return f"{file.resolve()}:{name}"
 
 
 def _for_goal(

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from magmpm.errors import length as readable_length
-from magmpm.viz import style
+from magmpm.viz import movies, style
 from magmpm.viz.annotations import Page, Sign, field_arrow, field_text, signs, varies
 from magmpm.viz.camera import Framing, View
+from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.from_result import Still, trial_snapshot
 from magmpm.viz.layout import Views, bare
 from magmpm.viz.movies import chosen
 from magmpm.viz.picture_file import save_image
 from magmpm.viz.snapshot import Snapshot, seconds
 from magmpm.viz.worker import Renderer
-
-if TYPE_CHECKING:
-    from magmpm.viz.from_motion import MotionRenderer
 
 # Moments wider than this many times their height are stacked; panels are no narrower than this.
 _STACKED = 2.8
@@ -64,6 +63,32 @@ def figure(
     return save_image(
         composed([(motion, k) for k in numbers], renderer, across, width), path, optimize=True
     )
+
+
+def draw_result(result: Any, path: Path, target: np.ndarray | None = None) -> str:
+    """Draw a result into a file by a process for this picture alone; target: as of from_result.trial_snapshot.
+
+    Returns why it could not be drawn as usual, or nothing. Raises RenderError.
+    """
+    with Renderer() as renderer:
+        if target is None:
+            still = Still(result)
+            renderer.render(still.snapshot(), path, framing=still.framing)
+        else:
+            renderer.render(
+                trial_snapshot(result, target=target, smooth=True), path, size=style.FINAL_SIZE
+            )
+        return renderer.note
+
+
+def draw_motion(motion: Any, path: Path, numbers: Sequence[int] | None = None) -> str:
+    """Draw a motion as `draw_result` does: moments side by side, or a movie where the file is an mp4 or GIF. Raises RenderError."""
+    with Renderer() as renderer:
+        if path.suffix in (".mp4", ".gif"):
+            made = movies.movie(MotionRenderer(motion), path, renderer)
+            return " ".join(filter(None, (made.note, renderer.note)))
+        figure(MotionRenderer(motion), path, renderer, numbers)
+        return renderer.note
 
 
 def composed(

@@ -21,6 +21,7 @@ from magmpm.bodies.assembly import different_names
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, count, length, lengths, quantity, report, require
 from magmpm.inputs.user_files import MOST, read_regular
+from magmpm.results import notices
 from magmpm.results.file_names import ARRAYS, NUMBERS
 from magmpm.results.whole_file import whole_file, write_json
 
@@ -276,6 +277,16 @@ class Result:
         return import_module("magmpm.viz.from_result").polydata(
             self
         )  # by name: the physics draws nothing
+
+    def render(self, path: Path | str, *, target: Array | None = None) -> Path:
+        """Draw the deformed body, and what stands around it, into a PNG, SVG or PDF file, whose folder is made. Returns its path.
+
+        target: points (q, 3) m, or rows [s, x, y, z] (q, 4) m, of a curve to compare the axis with; then also from the top and the side.
+        Raises RenderError where nothing can be drawn.
+        """
+        draw = import_module("magmpm.viz.figure_panels").draw_result
+        notices.warn(filter(None, [draw(self, Path(path), target)]), "pictures")
+        return Path(path)
 
     def not_finite(self) -> list[str]:
         """Names of the fields that hold a NaN or an infinity, which no valid result has and JSON can't hold."""

@@ -9,8 +9,9 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, overload
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import BudgetError, InputError, quantity, require
+from magmpm.results import notices
 from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, POSITIONS, STEPS
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers
 from magmpm.results.motion_tables import (
@@ -424,6 +426,16 @@ class Motion:
             path, lambda file: vtkhdf.read_arrays(path, file, k, ["Points"])
         )
         return found["Points"]
+
+    def render(self, path: Path | str, *, frames: Sequence[int] | None = None) -> Path:
+        """Draw moments side by side into a PNG, SVG or PDF file, or the whole motion as a movie where it is .mp4 or .gif. Returns its path.
+
+        frames: numbers of the moments; unless given the first, the last, and the one between that is most unlike both.
+        Raises RenderError where nothing can be drawn.
+        """
+        draw = import_module("magmpm.viz.figure_panels").draw_motion
+        notices.warn(filter(None, [draw(self, Path(path), frames)]), "pictures")
+        return Path(path)
 
     def _counted(self, number: int) -> int:
         """The number of a frame counted from the start. Raises IndexError."""

@@ -143,6 +143,66 @@ def test_a_design_and_the_influence_of_an_effect(tmp_path: Path) -> None:
         magmpm.influence(SHORT, "levity")
 
 
+def height(result: magmpm.Result) -> float:
+    """Height of the tip, m: what a study below makes large."""
+    return float(result.tip[2])
+
+
+def test_a_study_is_made_of_a_dict(tmp_path: Path) -> None:
+    """With a scene, an array and a function of Python; kept as files, from which the same study goes on. Another one is refused."""
+    scene = magmpm.load_scene(SHORT)
+    line = np.linspace(0, 24e-3, 7)
+    straight = np.column_stack([line, 0 * line, 0 * line])
+    study = {"scene": scene, "vary": {"magnetization": {}}, "sampler": "random", "trials": 1}
+    shape = {**study, "match": {"centreline": straight}}
+    report = magmpm.design(shape, folder=tmp_path / "shape")
+    (file,) = (tmp_path / "shape").glob("study_*/*.yaml")
+    assert file.name == "short.yaml"
+    assert magmpm.load_scene(file.parent / "files/scene.yaml") == scene
+    assert magmpm.design(file, folder=tmp_path / "shape").best == report.best
+    with pytest.raises(magmpm.InputError, match="another"):
+        magmpm.design({**shape, "match": {"centreline": 0.9 * straight}}, folder=tmp_path / "shape")
+    assert magmpm.design(shape, folder=tmp_path / "shape").best == report.best
+    goal = {**study, "goal": {"maximize": {"python": height}}}
+    best = magmpm.design(goal, folder=tmp_path / "goal").best
+    assert best["values"] == [height(magmpm.Result.load(tmp_path / "goal/best"))]
+
+
+def test_a_study_of_a_dict_is_refused_in_words(tmp_path: Path) -> None:
+    study = {"scene": magmpm.load_scene(SHORT), "vary": {"magnetization": {}}}
+    for goal, words in (
+        ({"match": {"centreline": np.zeros(4)}}, r"match\.centreline: received an array \(4,\)"),
+        (
+            {"goal": {"maximize": {"python": lambda result: 0.0}}},
+            r"goal\.maximize\.python: .*lambda",
+        ),
+    ):
+        with pytest.raises(magmpm.InputError, match=words):
+            magmpm.design({**study, **goal}, folder=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_result_and_a_motion_draw_themselves(tmp_path: Path) -> None:
+    """In one line, into a folder that is made; a target is drawn as well."""
+    pytest.importorskip("PIL")
+    from PIL import Image
+
+    result = magmpm.run(magmpm.load_scene(SHORT))
+    path = result.render(tmp_path / "new/result.png")
+    assert path == tmp_path / "new/result.png"
+    line = np.linspace(0, 24e-3, 7)
+    curve = np.column_stack([line, 0 * line, 0.2 * line])
+    targeted = result.render(tmp_path / "target.png", target=curve)
+    moving = {**SHORT, "solver": {"dynamic": {"duration": "2 ms", "output_every": "1 ms"}}}
+    magmpm.run(magmpm.load_scene(moving), folder=tmp_path / "motion")
+    moments = magmpm.Motion.load(tmp_path / "motion").render(
+        tmp_path / "moments.png", frames=[0, 2]
+    )
+    for made in (path, targeted, moments):
+        with Image.open(made) as image:
+            assert len(np.unique(np.asarray(image).reshape(-1, 3), axis=0)) > 50
+
+
 def test_constants_are_fitted(tmp_path: Path) -> None:
     scene = magmpm.load_scene(SHORT)
     lines = ["field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"]
