@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench-sweep bench-robots release test-minimum optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-bounds bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: examples bench-sweep bench-robots release test-minimum optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-bounds bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -37,6 +37,7 @@ help:
 	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
+	@echo "make examples   every script of examples/; their pictures in docs/images/examples (EXAMPLES=first_shape)"
 	@echo "make docs       the pages as a site, in runs/site; broken links fail"
 	@echo "make test-docs  every page's code, followed in order, and the notebook"
 	@echo "make test-wheel the wheel, installed and used in an empty environment (PYTHON=python3.13)"
@@ -199,6 +200,14 @@ gallery: $(VENV)/.ready
 	$(BIN)/python docs/gallery/build.py $(SCENES)
 	$(if $(SCENES),,$(BIN)/python docs/gallery/accuracy.py)
 	$(if $(SCENES),,$(BIN)/python docs/gallery/goals.py)
+
+# The pictures of docs/examples.md. Scripts write into the folder where they run.
+examples: $(VENV)/.ready-test
+	@$(BIN)/python -m pip install -q -c constraints.txt distributed
+	@mkdir -p runs/examples docs/images/examples
+	@cd runs/examples && for name in $(or $(EXAMPLES),$(basename $(notdir $(wildcard examples/*.py)))); do \
+	  echo "$$name" && $(CURDIR)/$(BIN)/python $(CURDIR)/examples/$$name.py && \
+	  cp $$name.png $(CURDIR)/docs/images/examples/ || exit 1; done
 
 clean:
 	rm -rf $(VENV) $(GP_VENV) $(MINIMUM_VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info

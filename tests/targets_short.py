@@ -44,6 +44,7 @@ SHORT = {  # what `make TARGET` is given
     "claims": "QUICK=1 CLAIMS=asked",
     "bench-robots": "ROBOTS=1 QUICK=1",
     "gallery": "SCENES=folding_strip",
+    "examples": "EXAMPLES=first_shape",
     "stability": "QUICK=1",
     "faults": "KILLS=3",
     "fuzz": "INPUTS=100",

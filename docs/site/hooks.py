@@ -24,6 +24,16 @@ def on_config(config: Any) -> Any:
     return config
 
 
+def on_files(files: Any, config: Any) -> Any:
+    """A page for each script of examples/, with its code: links to it from docs/examples.md lead there."""
+    from mkdocs.structure.files import File
+
+    for path in sorted(Path(config.docs_dir).parent.glob("examples/*.py")):
+        text = f"# {path.name}\n\n```python\n{path.read_text(encoding='utf-8')}```\n"
+        files.append(File.generated(config, f"examples/{path.stem}.md", content=text))
+    return files
+
+
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """The API's page from docstrings; elsewhere formulas between double dollars as MathML, without the comments for tests."""
     from latex2mathml.converter import convert
@@ -31,6 +41,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     if page.file.src_uri == "api.md":
         made: str = runpy.run_path(str(Path(__file__).with_name("api.py")))["page"]()
         return made
+    if page.file.src_uri == "examples.md":
+        markdown = re.sub(r"\(\.\./examples/(\w+)\.py\)", r"(examples/\1.md)", markdown)
     markdown = re.sub(r"^<!-- test: .*? -->\n", "", markdown, flags=re.MULTILINE)
     return FORMULA.sub(
         lambda found: f'<div class="formula">{convert(found[1].strip(), display="block")}</div>',
