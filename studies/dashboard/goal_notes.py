@@ -9,7 +9,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.errors import in_words
 from magmpm.studies.dashboard.view import MARK, Notes, plain
-from magmpm.studies.goals.report import PICTURES, REPORT, bounds_in_words
+from magmpm.studies.goals.report import PICTURES, REPORT
 from magmpm.studies.search.samplers.optuna_ids import study_id
 
 
@@ -65,4 +65,4 @@ class GoalNotes(Notes):
 def _limit(limit: dict[str, Any]) -> str:
     """A constraint in words."""
     label = limit["label"]
-    return f"{label.rpartition(' (')[0] or label} {bounds_in_words(limit)}"
+    return f"{label.rpartition(' (')[0] or label} {limit['bounds']}"

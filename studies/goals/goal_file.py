@@ -16,7 +16,8 @@ from magmpm.studies.goals.measures import Measure
 
 SCHEMA = Path(__file__).parents[1] / "goal.schema.json"
 SLSQP = "slsqp"  # steps along derivatives
-SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random", SLSQP)
+GAUSS_NEWTON = "gauss-newton"  # ... to targets alone
+SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random", SLSQP, GAUSS_NEWTON)
 
 
 class FreeDirection(Settings):
@@ -215,9 +216,14 @@ class GoalFile(Settings):
     vary: VaryAnything = Field(description="What trials change.")
     goal: Annotated[
         Annotated[Goal, Tag("one")]
-        | Annotated[tuple[Goal, ...], Field(min_length=1, max_length=3), Tag("list")],
+        | Annotated[tuple[Goal, ...], Field(min_length=1, max_length=200), Tag("list")],
         Discriminator(lambda value: "list" if isinstance(value, (list, tuple)) else "one"),
-    ] = Field(description="What is sought, or a list of up to three.")
+    ] = Field(
+        description=(
+            "What is sought; a list of up to three, of which the best compromises are kept; or a"
+            " list of targets of one unit, which count together."
+        )
+    )
     subject_to: tuple[Constraint, ...] = Field(
         default=(), description="Measures that must stay within bounds."
     )
@@ -231,8 +237,8 @@ class GoalFile(Settings):
     sampler: str | None = Field(
         default=None,
         description=(
-            f"One of {', '.join(SAMPLERS)}. Unless given, {SLSQP} where one goal and all"
-            " constraints have derivatives, else tpe."
+            f"One of {', '.join(SAMPLERS)}. Unless given, where goal and constraints have"
+            f" derivatives {GAUSS_NEWTON} for targets alone and {SLSQP} for others, else tpe."
         ),
         examples=["tpe"],
     )
@@ -243,13 +249,43 @@ class GoalFile(Settings):
         """All that is sought."""
         return self.goal if isinstance(self.goal, tuple) else (self.goal,)
 
+    @property
+    def together(self) -> bool:
+        """True for several targets of one unit, which are one goal: the root mean square of what they miss."""
+        units = {goal.measure.unit for goal in self.goals}
+        return len(self.goals) > 1 and len(units) == 1 and self.targets_alone
+
+    @property
+    def targets_alone(self) -> bool:
+        """True if a value is sought of each goal."""
+        return all(goal.target is not None for goal in self.goals)
+
+    @property
+    def several(self) -> bool:
+        """True if there are several goals that do not count together."""
+        return len(self.goals) > 1 and not self.together
+
     @model_validator(mode="after")
     def _go_together(self) -> GoalFile:
         if self.sampler is not None and self.sampler not in SAMPLERS:
             raise fault(f"sampler must be one of {', '.join(SAMPLERS)}", "correct it", ("sampler",))
-        if len(self.goals) > 1 and self.sampler in ("cmaes", "gp", SLSQP):
+        if self.several and len(self.goals) > 3:
             raise fault(
-                f"{self.sampler} has one goal", "write `sampler: tpe` or `nsga2`", ("sampler",)
+                "a list of more than three goals must be of targets of one unit",
+                "write targets of lengths alone, say, and the others as bounds in `subject_to`",
+                ("goal",),
+            )
+        if self.several and self.sampler in ("cmaes", "gp", SLSQP, GAUSS_NEWTON):
+            raise fault(
+                f"{self.sampler} has one goal, or targets of one unit",
+                "write `sampler: tpe` or `nsga2`",
+                ("sampler",),
+            )
+        if self.sampler == GAUSS_NEWTON and (self.subject_to or not self.targets_alone):
+            raise fault(
+                f"{GAUSS_NEWTON} meets targets, without constraints",
+                f"write `sampler: {SLSQP}`",
+                ("sampler",),
             )
         if len(self.goals) > 1 and self.prune:
             raise fault("only trials of one goal are pruned", "remove `prune`", ("prune",))

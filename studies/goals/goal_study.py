@@ -7,16 +7,18 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from magmpm.errors import InputError
+import numpy as np
+
+from magmpm.errors import InputError, in_words
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import check_differentiable
 from magmpm.studies.goals import evaluate
-from magmpm.studies.goals.goal_file import SLSQP, GoalFile
+from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile
 from magmpm.studies.goals.knobs import Knob, knobs
 from magmpm.studies.goals.measures import Measure, function_of, source_of
 
@@ -48,7 +50,7 @@ class GoalStudy:
     @cached_property
     def rough(self) -> str | None:
         """Reason why there are no derivatives; None where there are."""
-        if len(self.file.goals) > 1:
+        if self.file.several:
             return "there are several goals"
         try:
             check_differentiable(self.scene)
@@ -61,29 +63,56 @@ class GoalStudy:
     @property
     def sampler(self) -> str:
         """The file's, or the one that its goals and variables allow."""
-        return self.file.sampler or (SLSQP if self.rough is None else "tpe")
+        if self.file.sampler is not None:
+            return self.file.sampler
+        if self.rough is not None:
+            return "tpe"
+        targets = self.file.targets_alone and not self.file.subject_to
+        return GAUSS_NEWTON if targets else SLSQP
 
     @property
     def why_sampler(self) -> str | None:
         """Reason for a sampler that the file does not name."""
         if self.file.sampler is not None:
             return None
-        return "goal and constraints have derivatives" if self.rough is None else self.rough
+        if self.rough is not None:
+            return self.rough
+        if self.sampler == GAUSS_NEWTON:
+            return "all that counts is targets, and they have derivatives"
+        return "goal and constraints have derivatives"
+
+    @property
+    def directions(self) -> list[Literal["minimize", "maximize"]]:
+        """What Optuna does with each value of a trial."""
+        if self.file.together:
+            return ["minimize"]
+        return ["maximize" if goal.key == "maximize" else "minimize" for goal in self.file.goals]
 
     @property
     def names(self) -> list[str]:
         """Each goal in words, with its unit in SI."""
+        if self.file.together:
+            unit = self.file.goals[0].measure.unit
+            return ["target missed by" + (f" ({unit})" if unit else "")]
         return [f"{goal.key} {goal.measure.label}" for goal in self.file.goals]
 
     @property
     def limits(self) -> list[dict[str, Any]]:
-        """Each constraint: its place in the file, its label, and its bounds, SI."""
-        return [
-            {"at": at, "label": one.label, "at_least": least, "at_most": most}
-            for one, (at, (least, most)) in zip(
-                self.file.subject_to, self.bounded.items(), strict=True
-            )
-        ]
+        """Each constraint, and each of several targets: its place in the file, its label, and its bounds in words."""
+        found = []
+        for goal, at, target in zip(self.file.goals, self.measures, self.targets, strict=False):
+            if self.file.together and target is not None:
+                label = goal.measure.label
+                said = f"target {in_words(label, target)}"
+                found.append({"at": at, "label": label, "bounds": said})
+        for one, (at, bounds) in zip(self.file.subject_to, self.bounded.items(), strict=True):
+            both = [
+                f"{sign} {in_words(one.label, bound)}"
+                for sign, bound in zip(("at least", "at most"), bounds, strict=True)
+                if bound is not None
+            ]
+            found.append({"at": at, "label": one.label, "bounds": ", ".join(both)})
+        return found
 
     @property
     def definition(self) -> str:
@@ -99,13 +128,16 @@ class GoalStudy:
         return {f"subject_to[{k}]": of for k, of in enumerate(self.bounds)}
 
     def values(self, numbers: dict[str, float]) -> tuple[list[float], list[float]]:
-        """A trial's values, as Optuna compares them, and how far it is beyond each bound."""
+        """A trial's values, as Optuna compares them, and how far it is beyond each bound; of targets what they miss, of several its root
+        mean square."""
         values = [
             numbers[f"goal[{k}].{goal.key}"]
             if target is None
             else abs(numbers[f"goal[{k}].{goal.key}"] - target)
             for k, (goal, target) in enumerate(zip(self.file.goals, self.targets, strict=True))
         ]
+        if self.file.together:
+            values = [float(np.sqrt(np.mean(np.square(values))))]
         beyond = [
             one for name, of in self.bounded.items() for one in evaluate.beyond(numbers[name], of)
         ]
@@ -179,10 +211,10 @@ def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
     for at, data in study.measures.items():
         if data.get("python"):
             function_of(data["python"], document.path.parent, at)
-    if file.sampler == SLSQP and study.rough is not None:
+    if file.sampler in (SLSQP, GAUSS_NEWTON) and study.rough is not None:
         raise InputError(
             "sampler",
-            received=SLSQP,
+            received=file.sampler,
             rule=f"it goes along derivatives, and {study.rough}",
             remedy="write `sampler: tpe`",
         )

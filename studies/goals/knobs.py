@@ -17,9 +17,12 @@ from magmpm.inputs.vectors import angles_of, from_angles
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.studies.goals.goal_file import FreeDirection, VaryAnything, VaryNumber
+from magmpm.studies.search.samplers import gauss_newton_steps as gn
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
+
+    from magmpm.studies.search.samplers.gauss_newton_steps import Block
 
 Values = Mapping[str, Any]
 
@@ -39,6 +42,10 @@ class Knob(ABC):
     @abstractmethod
     def distributions(self) -> dict[str, BaseDistribution]:
         """Its parameters as Optuna asks for them."""
+
+    def blocks(self) -> list[Block]:
+        """Its parameters as Gauss-Newton's steps see them; [] where it turns in steps."""
+        return []
 
     @abstractmethod
     def at(self, params: Values) -> dict[Place, Any]:
@@ -74,6 +81,9 @@ class Bounded(Knob):
         if self.whole:
             return {self.name: IntDistribution(int(self.low), int(self.high), log=self.log)}
         return {self.name: FloatDistribution(self.low, self.high, log=self.log)}
+
+    def blocks(self) -> list[Block]:
+        return [] if self.whole else [gn.Number(self.name, self.low, self.high, self.log)]
 
     def at(self, params: Values) -> dict[Place, Any]:
         value = int(params[self.name]) if self.whole else float(params[self.name])
@@ -179,6 +189,18 @@ class Turning(Knob):
         if self.longest is not None:
             found[self._length] = FloatDistribution(0.0, self.longest)
         return found
+
+    def blocks(self) -> list[Block]:
+        names = self._names()
+        if self.across is None and self.longest is not None:
+            azimuth, elevation = names
+            return [gn.Ball(self._length, azimuth, elevation, self.longest, 1.0 / self.longest)]
+        if self.across is None:
+            return [gn.Direction(*names)]
+        ends = dict.fromkeys(names, (self.middle - self.turn, self.middle + self.turn))
+        if self.longest is not None:
+            ends[self._length] = (0.0, self.longest)
+        return [gn.Number(name, *pair) for name, pair in ends.items()]
 
     def at(self, params: Values) -> dict[Place, Any]:
         angles = [math.radians(params[name]) for name in self._names()]

@@ -66,6 +66,10 @@ class Smooth(OneMeasure):
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
         """Derivatives (k,) at rest, from those of what it is made of."""
 
+    def parts(self, answer: Answer, at: str, of: Slopes) -> tuple[Array, Array] | None:
+        """Numbers (m,) of whose squares it is the root of the sum, and their derivatives (m, k); None where there are none."""
+        return None
+
 
 class Position(Smooth):
     """Place along a direction, m."""
@@ -178,14 +182,17 @@ class Distance(Smooth):
         return float(np.linalg.norm(one - other))
 
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
+        apart, way = self.parts(answer, at, of)
+        return np.asarray(apart / max(float(np.linalg.norm(apart)), 1e-12) @ way)
+
+    def parts(self, answer: Answer, at: str, of: Slopes) -> tuple[Array, Array]:
         one, other = self._spots(answer, -1, at)
-        across = (one - other) / max(float(np.linalg.norm(one - other)), 1e-12)
         way = sum(
             sign * of.place(spot)
             for sign, spot in zip((1.0, -1.0), self.between, strict=True)
             if isinstance(spot, str)
         )
-        return np.asarray(across @ way)
+        return one - other, np.asarray(way)
 
     def _spots(self, answer: Answer, k: int, at: str) -> list[Array]:
         return [
@@ -376,8 +383,12 @@ class Measure(Settings):
     @property
     def label(self) -> str:
         """Its name with its SI unit: `travel (m)`."""
-        unit = "" if self.python is not None else KINDS[self.name].unit
-        return f"{self.name} ({unit})" if unit else self.name
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+    @property
+    def unit(self) -> str:
+        """Its SI unit, "" where it has none."""
+        return "" if self.python is not None else KINDS[self.name].unit
 
     @property
     def kind(self) -> str | None:

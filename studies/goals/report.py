@@ -59,16 +59,6 @@ class GoalReport:
         return dict(vars(self))
 
 
-def bounds_in_words(limit: dict[str, Any]) -> str:
-    """Bounds of a constraint, as people read them."""
-    words = [
-        f"{sign} {in_words(limit['label'], limit[key])}"
-        for key, sign in (("at_least", "at least"), ("at_most", "at most"))
-        if limit[key] is not None
-    ]
-    return ", ".join(words)
-
-
 def spread(report: GoalReport) -> float | None:
     """Return how far apart the first goal's values of designs that are all but the best are, in SI; None where that is not known."""
     if report.scatter is None or report.best is None:
@@ -94,7 +84,7 @@ def text(report: GoalReport) -> str:
         for limit in report.limits:
             value = in_words(limit["label"], report.best["measures"][limit["at"]])
             name = limit["label"].rpartition(" (")[0] or limit["label"]
-            lines.append(f"    {name}: {value} ({bounds_in_words(limit)})")
+            lines.append(f"    {name}: {value} ({limit['bounds']})")
         lines += [
             f"    {name} = {value if isinstance(value, str) else significant(value, 6)}"
             for name, value in report.best["params"].items()

@@ -17,7 +17,6 @@ import numpy as np
 from optuna.distributions import FloatDistribution
 from optuna.trial import TrialState
 
-from magmpm.compiled.arrays import Array
 from magmpm.compiled.process import Died
 from magmpm.errors import InputError, MagmpmError, in_words
 from magmpm.results.result import Result
@@ -28,11 +27,13 @@ from magmpm.studies.engine.storage_url import shown_url, storage_url
 from magmpm.studies.goals import evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.descend import Enough, Slopes, descend
-from magmpm.studies.goals.goal_file import SLSQP
+from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP
 from magmpm.studies.goals.goal_study import GoalStudy
 from magmpm.studies.goals.knobs import distributions, made
 from magmpm.studies.goals.report import REPORT, GoalReport
-from magmpm.studies.goals.slopes import values_and_slopes
+from magmpm.studies.goals.slopes import Derived, Near, shares, stencil, values_and_slopes
+from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
+from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -55,6 +56,7 @@ def sampler(study: GoalStudy, workers: int, designs: int) -> BaseSampler:
     from optuna.exceptions import ExperimentalWarning
 
     seed = (study.file.seed + 7919 * designs) % 2**32
+    blocks = [block for knob in study.knobs for block in knob.blocks()]
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
@@ -66,6 +68,7 @@ def sampler(study: GoalStudy, workers: int, designs: int) -> BaseSampler:
             "cmaes": lambda: samplers.CmaEsSampler(seed=seed),
             "nsga2": lambda: samplers.NSGAIISampler(seed=seed),
             "random": lambda: samplers.RandomSampler(seed=seed),
+            GAUSS_NEWTON: lambda: GaussNewtonSampler(blocks, seed=study.file.seed),
             SLSQP: lambda: samplers.RandomSampler(seed=seed),  # every trial is enqueued
         }[study.sampler]()
 
@@ -93,13 +96,12 @@ def search(
             storage=url,
             sampler=sampler(study, workers, 0),
             pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
-            directions=[
-                "maximize" if goal.key == "maximize" else "minimize" for goal in study.file.goals
-            ],
+            directions=study.directions,
             load_if_exists=True,
         )
         _same(known, study, out)
-        at_once = 1 if study.sampler == SLSQP else workers  # its steps come one after the other
+        steps = study.sampler in (SLSQP, GAUSS_NEWTON)  # which come one after the other
+        at_once = 1 if steps else workers
         seeking = _Seeking(study, out, known, at_once, on_trial, shown_url(url))
         return seeking.run(trials or study.file.trials)
 
@@ -121,7 +123,7 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         known.set_user_attr(DEFINITION, study.definition)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
-            known.set_metric_names([goal.measure.label for goal in study.file.goals])
+            known.set_metric_names([name.partition(" ")[2] for name in study.names])
         begun: dict[str, Any] = {}
         for knob in study.knobs:
             begun |= knob.begun(study.scene)
@@ -162,6 +164,8 @@ class _Seeking:
                 if self.study.sampler == SLSQP:
                     self._descend(count)
                     count = 0
+                if self.known.user_attrs.get(CONVERGED):
+                    count = 0
                 while (left := count - self._finished() - len(running)) > 0 or running:
                     while left > 0 and len(running) < self.workers:
                         left -= 1
@@ -171,6 +175,8 @@ class _Seeking:
                         trial, job = begun
                         if pool is None:
                             self._tell(trial, job, self._here(trial, job))
+                            if self.known.user_attrs.get(CONVERGED):
+                                return self._ended(ended, pool)
                         else:
                             running[pool.submit(evaluate.tried, job)] = (trial, job)
                     for done in wait(running, return_when=FIRST_COMPLETED)[0] if running else ():
@@ -184,10 +190,14 @@ class _Seeking:
                 ended = INTERRUPTED
                 for future in running:
                     future.cancel()
-            report = self._report(ended)
-            if ended == "done" and report.best is not None:
-                report.finer = self._finer(report.best)
-                report.scatter = self._scatter(report.best, pool)
+            return self._ended(ended, pool)
+
+    def _ended(self, ended: str, pool: evaluate.Processes | None) -> GoalReport:
+        """The report of a search that has ended, with the checks of its best."""
+        report = self._report(ended)
+        if ended == "done" and report.best is not None:
+            report.finer = self._finer(report.best)
+            report.scatter = self._scatter(report.best, pool)
         write_json(self.out / REPORT, report.summary(), indent=1)
         return report
 
@@ -211,27 +221,45 @@ class _Seeking:
             descend(ranges, begun, tried, steps=count)
             self.known.set_user_attr(CONVERGED, True)
 
-    def _rows(self, found: dict[str, tuple[float, Array]]) -> Slopes:
+    def _missed(self, found: dict[str, Derived]) -> Slopes:
+        """By how much each target is missed, with its slopes: of a point that must be reached its three components."""
+        values = []
+        slopes = []
+        for at, target in zip(self.study.measures, self.study.targets, strict=False):
+            assert target is not None  # of targets alone
+            one = found[at]
+            if target == 0.0 and one.parts is not None:
+                values.append(one.parts[0])
+                slopes.append(one.parts[1])
+            else:
+                values.append(np.array([one.value - target]))
+                slopes.append(one.slope[None])
+        return np.concatenate(values), np.concatenate(slopes)
+
+    def _rows(self, found: dict[str, Derived]) -> Slopes:
         """The goal, to be small, and what is left to each bound, with their slopes."""
-        goal = self.study.file.goals[0]
-        value, slope = found[f"goal[0].{goal.key}"]
-        target = self.study.targets[0]
-        sign = -1.0 if goal.key == "maximize" else 1.0
-        values = [sign * value if target is None else (value - target) ** 2]
-        slopes = [sign * slope if target is None else 2.0 * (value - target) * slope]
+        if self.study.file.targets_alone:
+            missed, slope = self._missed(found)
+            values = [float(missed @ missed)]
+            slopes = [2.0 * missed @ slope]
+        else:
+            goal = self.study.file.goals[0]
+            one = found[f"goal[0].{goal.key}"]
+            sign = -1.0 if goal.key == "maximize" else 1.0
+            values = [sign * one.value]
+            slopes = [sign * one.slope]
         for at, (least, most) in self.study.bounded.items():
-            value, slope = found[at]
             if least is not None:
-                values.append(value - least)
-                slopes.append(slope)
+                values.append(found[at].value - least)
+                slopes.append(found[at].slope)
             if most is not None:
-                values.append(most - value)
-                slopes.append(-slope)
+                values.append(most - found[at].value)
+                slopes.append(-found[at].slope)
         return np.array(values), np.array(slopes)
 
     def _with_slopes(
         self, params: dict[str, float], ranges: dict[str, FloatDistribution]
-    ) -> dict[str, tuple[float, Array]] | None:
+    ) -> dict[str, Derived] | None:
         """A trial with these parameters, whose measures get derivatives; None where it fails."""
         self.known.enqueue_trial(params)
         begun = self._begun()
@@ -241,21 +269,51 @@ class _Seeking:
         if begun is None:
             return None
         trial, job = begun
+        near = [stencil(params, name, space) for name, space in ranges.items()]
         try:
-            found = values_and_slopes(
-                lambda some: made(self.study.scene, self.study.knobs, some),
-                [place for knob in self.study.knobs for place in knob.places],
-                params,
-                ranges,
-                job.measures,
-                job.folder,
-            )
+            found = self._derived(trial, job, near)
         except MagmpmError as error:
             self._tell(trial, job, {WHY: evaluate.reason(error)})
             return None
-        outcome = {"values": {at: value for at, (value, _) in found.items()}}
+        outcome = {"values": {at: one.value for at, one in found.items()}}
         self._tell(trial, job, outcome)
         return found
+
+    def _derived(self, trial: Trial, job: evaluate.Job, near: Near) -> dict[str, Derived]:
+        """The measures of a trial, with derivatives along ways near it. Raises MagmpmError."""
+        return values_and_slopes(
+            lambda some: made(self.study.scene, self.study.knobs, some),
+            [place for knob in self.study.knobs for place in knob.places],
+            trial.params,
+            near,
+            job.measures,
+            job.folder,
+        )
+
+    def _with_residuals(
+        self, trial: Trial, job: evaluate.Job, enough: float = 1e-7
+    ) -> dict[str, Any]:
+        """The outcome of a trial of Gauss-Newton's sampler, which reads what its targets miss by, and the derivatives, from the trial.
+
+        enough: of what a unit of all its numbers moves, where the targets are met.
+        """
+        space = Coordinates([block for knob in self.study.knobs for block in knob.blocks()])
+        x = space.read(trial.params)
+        basis, low, high = space.tangent(x)
+        near = [
+            [
+                (share, space.write(space.moved(x, way * step)))
+                for way, share in shares(0.0, low[k], high[k])
+            ]
+            for k, step in enumerate(np.eye(len(low)))
+        ]
+        found = self._derived(trial, job, near)
+        missed, slopes = self._missed(found)
+        trial.set_user_attr("residuals", missed.tolist())
+        trial.set_user_attr("jacobian", (slopes @ np.linalg.pinv(basis)).tolist())
+        if np.linalg.norm(missed) <= enough * np.linalg.norm(slopes):
+            self.known.set_user_attr(CONVERGED, True)
+        return {at: one.value for at, one in found.items()}
 
     def _begun(self) -> tuple[Trial, evaluate.Job] | None:
         """A new trial and its run; None where its values together break a rule of the scene."""
@@ -281,6 +339,8 @@ class _Seeking:
     def _here(self, trial: Trial, job: evaluate.Job) -> dict[str, Any]:
         """The outcome of a run in this process, which may be pruned on its way."""
         try:
+            if self.study.sampler == GAUSS_NEWTON:
+                return {"values": self._with_residuals(trial, job)}
             watch = self._pruner(trial, job) if self.study.file.prune else None
             return {"values": evaluate.numbers(job, watch)}
         except _Hopeless:
@@ -414,7 +474,6 @@ class _Seeking:
         ]
         took = [t.duration.total_seconds() for t in finished if t.duration and t.values]
         best = self._best()
-        several = len(self.study.file.goals) > 1
         return GoalReport(
             name=self.study.name,
             goals=self.study.names,
@@ -422,7 +481,9 @@ class _Seeking:
             values=[list(t.values) if t.state.name == "COMPLETE" else None for t in finished],
             feasible=[t.state.name == "COMPLETE" and _keeps(t) for t in finished],
             best=None if best is None else self._shown(best),
-            pareto=[self._shown(t) for t in self.known.best_trials] if several else [],
+            pareto=[self._shown(t) for t in self.known.best_trials]
+            if self.study.file.several
+            else [],
             failed=[
                 {"number": t.number, "why": t.user_attrs[WHY], "params": dict(t.params)}
                 for t in finished

@@ -9,6 +9,7 @@ second order too: no step goes beyond it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,35 +25,40 @@ from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import Measure, OneMeasure, Slopes, Smooth
 
 Params = dict[str, float]
+Near = Sequence[Sequence[tuple[float, Params]]]  # for each way shares of a function at parameters
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A measure, SI, and its derivatives (k,) by the parameters; parts: numbers (m,) of whose squares it is the root of the sum, with
+    their derivatives (m, k), None of others."""
+
+    value: float
+    slope: Array
+    parts: tuple[Array, Array] | None = None
 
 
 def values_and_slopes(
     made: Callable[[Params], Scene],
     places: Sequence[Place],
     params: Params,
-    ranges: Mapping[str, FloatDistribution],
+    near: Near,
     measures: Mapping[str, Mapping[str, Any]],
     folder: Path,
-) -> dict[str, tuple[float, Array]]:
-    """Value, SI, and derivatives (k,), SI per unit of each parameter, of measures by name; the run's result goes to `folder`.
+) -> dict[str, Derived]:
+    """Value, SI, and derivatives, SI per unit of each of k ways near the parameters, of measures by name.
 
-    made: the scene of parameters; places: of the scene that they turn; ranges: of the parameters. Raises MagmpmError as `run` does.
+    The run's result goes to `folder`. made: the scene of parameters; places: of the scene that they turn. Raises MagmpmError as `run` does.
     """
     from magmpm.simulate import sensitivities
 
     scene = made(params)
-    near = {
-        name: [
-            (share, made({**params, name: params[name] + way}))
-            for way, share in _stencil(params[name], space)
-        ]
-        for name, space in ranges.items()
-    }
+    ways = [[(share, made(there)) for share, there in one] for one in near]
     leaves = [leaf for place in places for leaf in _leaves(scene, place)]
-    turns = np.zeros((len(leaves), len(params)))  # dv/dp
+    turns = np.zeros((len(leaves), len(ways)))  # dv/dp
     for i, leaf in enumerate(leaves):
         number = partial(_number, leaf)
-        turns[i] = [_slope(near[name], number) for name in params]
+        turns[i] = [_slope(way, number) for way in ways]
     found = sensitivities(scene, [written(leaf) for leaf in leaves])
     found.result.save(folder)
     answer = Answer(scene, found.result)
@@ -75,24 +81,31 @@ def values_and_slopes(
         kind = getattr(measure, measure.name)
         value = measure.of_answer(answer, at, folder)
         if isinstance(kind, Smooth):
-            out[at] = (value, kind.slopes(answer, at, slopes))
+            parts = kind.parts(answer, at, slopes)
+            out[at] = Derived(value, kind.slopes(answer, at, slopes), parts)
             continue
         known = partial(_before, kind, at)
-        out[at] = (value, np.array([_slope(near[name], known) for name in params]))
+        out[at] = Derived(value, np.array([_slope(way, known) for way in ways]))
     return out
 
 
-def _stencil(
-    value: float, space: FloatDistribution, step: float = 1e-4
-) -> list[tuple[float, float]]:
+def stencil(params: Params, name: str, space: FloatDistribution) -> list[tuple[float, Params]]:
+    """Shares of a function at parameters near these, whose sum is its derivative by one of them."""
+    return [
+        (share, {**params, name: params[name] + way})
+        for way, share in shares(params[name], space.low, space.high)
+    ]
+
+
+def shares(value: float, low: float, high: float, step: float = 1e-4) -> list[tuple[float, float]]:
     """Ways from a value within a range, and shares of a function there, whose sum is its derivative.
 
     step: of the range. Source: Fornberg, Mathematics of Computation 51 (1988) 699, table 3.
     """
-    h = step * (space.high - space.low)
-    if value + h > space.high:
+    h = step * (high - low)
+    if value + h > high:
         return [(0.0, 1.5 / h), (-h, -2.0 / h), (-2.0 * h, 0.5 / h)]
-    if value - h < space.low:
+    if value - h < low:
         return [(0.0, -1.5 / h), (h, 2.0 / h), (2.0 * h, -0.5 / h)]
     return [(h, 0.5 / h), (-h, -0.5 / h)]
 

@@ -28,6 +28,12 @@ Model = Callable[[Array], tuple[Array, Array]]
 
 DIRECTIONS = [Direction(f"around_{k}", f"along_{k}") for k in range(4)]
 BALL = Ball("strength", "azimuth", "elevation", 10.0, unit=1e-3)
+BLOCKS: list[Block] = [
+    DIRECTIONS[0],
+    BALL,
+    Number("length", 4.0, 12.0),
+    Number("frequency", 2.0, 40.0, log=True),
+]
 ALL: list[Block] = [*DIRECTIONS, BALL, Number("length", 4.0, 12.0)]
 
 
@@ -87,9 +93,7 @@ def plans(study: optuna.Study) -> list[dict[str, Any]]:
     return [t.system_attrs[PLAN] for t in study.trials]
 
 
-@pytest.mark.parametrize(
-    "block", [DIRECTIONS[0], BALL, Number("length", 4.0, 12.0)], ids=["direction", "ball", "number"]
-)
+@pytest.mark.parametrize("block", BLOCKS, ids=["direction", "ball", "number", "log"])
 def test_coordinates_and_parameters_are_inverse(block: Any, rng: np.random.Generator) -> None:
     for _ in range(20):
         x = block.anywhere(rng.random(block.size))
@@ -100,9 +104,7 @@ def test_coordinates_and_parameters_are_inverse(block: Any, rng: np.random.Gener
         )
 
 
-@pytest.mark.parametrize(
-    "block", [DIRECTIONS[0], BALL, Number("length", 4.0, 12.0)], ids=["direction", "ball", "number"]
-)
+@pytest.mark.parametrize("block", BLOCKS, ids=["direction", "ball", "number", "log"])
 def test_steps_go_along_the_tangent_and_stay_in_the_block(
     block: Any, rng: np.random.Generator
 ) -> None:

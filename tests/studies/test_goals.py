@@ -26,7 +26,7 @@ from magmpm.studies.goals.goal_study import load_goal
 from magmpm.studies.goals.knobs import distributions, made
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.report import GoalReport, spread
-from magmpm.studies.goals.slopes import values_and_slopes
+from magmpm.studies.goals.slopes import stencil, values_and_slopes
 
 ROOT = Path(__file__).parents[2]
 
@@ -311,7 +311,9 @@ def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
         return made(found.scene, found.knobs, values)
 
     places = [place for knob in found.knobs for place in knob.places]
-    given = values_and_slopes(scene_at, places, params, ranges, found.measures, tmp_path)
+    near = [stencil(params, name, space) for name, space in ranges.items()]
+    derived = values_and_slopes(scene_at, places, params, near, found.measures, tmp_path)
+    given = {at: (one.value, one.slope) for at, one in derived.items()}
     for k, name in enumerate(params):
         h = 2e-4 * (ranges[name].high - ranges[name].low)
         sides = []
@@ -344,8 +346,10 @@ def test_differences_stay_within_the_bounds(tmp_path: Path) -> None:
     places = [place for knob in found.knobs for place in knob.places]
     measures = {"energy": validate(Measure, {"field_energy": {}}).model_dump(by_alias=True)}
     for value in (1.0, 4.0, 8.0):
-        given = values_and_slopes(scene_at, places, {name: value}, ranges, measures, tmp_path)
-        assert given["energy"][1] == pytest.approx([2e-6 * value], rel=1e-9)
+        params = {name: value}
+        near = [stencil(params, name, ranges[name])]
+        given = values_and_slopes(scene_at, places, params, near, measures, tmp_path)
+        assert given["energy"].slope == pytest.approx([2e-6 * value], rel=1e-9)
     assert (min(asked), max(asked)) == (1.0, 8.0)
 
 

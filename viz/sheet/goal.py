@@ -112,14 +112,8 @@ def _measures(report: Mapping[str, Any]) -> Markup:
     ]
     for limit in report["limits"]:
         label = limit["label"]
-        bounds = [
-            f"{sign} {in_words(label, limit[key])}"
-            for key, sign in (("at_least", "at least"), ("at_most", "at most"))
-            if limit[key] is not None
-        ]
-        rows.append(
-            (_goal(label), in_words(label, best["measures"][limit["at"]]), ", ".join(bounds))
-        )
+        value = in_words(label, best["measures"][limit["at"]])
+        rows.append((_goal(label), value, limit["bounds"]))
     return table(("measure", "value", "bound"), rows)
 
 

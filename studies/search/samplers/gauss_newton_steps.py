@@ -136,25 +136,29 @@ class Ball:
 
 @dataclass(frozen=True)
 class Number:
-    """A number from low to high; its coordinate is its place between them, 0 to 1."""
+    """A number from low to high; its coordinate is its place between them, 0 to 1; log: that of its logarithm."""
 
     name: str
     low: float
     high: float
+    log: bool = False
     size = 1
 
     def distributions(self) -> dict[str, BaseDistribution]:
-        return {self.name: FloatDistribution(self.low, self.high)}
+        return {self.name: FloatDistribution(self.low, self.high, log=self.log)}
 
     def read(self, params: Mapping[str, float]) -> Array:
-        return np.array([(params[self.name] - self.low) / (self.high - self.low)])
+        value = params[self.name]
+        if self.log:
+            return np.array([math.log(value / self.low) / math.log(self.high / self.low)])
+        return np.array([(value - self.low) / (self.high - self.low)])
 
     def write(self, x: Array) -> dict[str, float]:
-        return {
-            self.name: min(
-                max(self.low + float(x[0]) * (self.high - self.low), self.low), self.high
-            )
-        }
+        place = float(x[0])
+        value = self.low + place * (self.high - self.low)
+        if self.log:
+            value = self.low * (self.high / self.low) ** place
+        return {self.name: min(max(value, self.low), self.high)}
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
         return np.eye(1), np.minimum(-x, 0.0), np.maximum(1.0 - x, 0.0)
