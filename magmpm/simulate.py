@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from magmpm.errors import SolveError
+from magmpm.errors import InputError, SolveError
 from magmpm.results import notices
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
@@ -28,6 +28,7 @@ from magmpm.solving.solve import (
     AS_IT_IS,
     Progress,
     RunOptions,
+    along_path,
     at_rest,
     end_of_path,
     finite,
@@ -220,6 +221,38 @@ def _differentiated(
     else:
         result, found = _equilibrium(scene, start)
     return Sensitivities(result, wanted, Linearized(found, wanted))
+
+
+def sensitivities_along(
+    scene: Scene, of: Sequence[str], folder: Path | str | None = None
+) -> tuple[Result, Callable[[int], Sensitivities | None]]:
+    """Follow a path of equilibria, and differentiate those that are asked for: each in the field of its time, on the path's branch.
+
+    of: addresses, as of `sensitivities`. folder: as of `run`; None: nowhere. Returns the path's Result, and what gives the derivatives of
+    the equilibrium with a number, None while all of a fed catheter is in its guide. Of a fed catheter they are those of the tip and of
+    what presses it. Raises InputError and SolveError as `sensitivities` does; InputError where cells or effects are to be chosen.
+    """
+    check_differentiable(scene, fed=True)
+    if scene.effects.auto or scene.resolution.requested:
+        raise InputError(
+            "resolution",
+            received="an error, seconds, or `effects: auto`",
+            rule="derivatives along a path are those of cells and effects that are given",
+            remedy="write `resolution: {cells_across: 3}`, and name the effects",
+        )
+    wanted = variables(scene, of)
+    free = scene.with_effects(feed=None)  # what is out of a guide is held at its exit
+    prepare_kernels(free, uses=(SOLVE, DERIVATIVES))
+    with nullcontext() if folder is None else folder_lock(folder):
+        result, equilibrium = along_path(scene, folder)
+        if folder is not None:
+            result.save(folder)
+
+    def at(number: int) -> Sensitivities | None:
+        found = equilibrium(number)
+        return None if found is None else Sensitivities(result, wanted, Linearized(found, wanted))
+
+    return result, at
 
 
 def _equilibrium(

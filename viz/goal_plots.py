@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -17,53 +18,73 @@ from magmpm.viz.plots import LOOK, saved
 
 
 def progress(report: Mapping[str, Any], path: str | Path) -> Path:
-    """Values of the first goal of each trial (a goal's report), and the best so far among those that keep the constraints."""
-    label, factor = shown_unit(report["goals"][0])
-    sign = -1.0 if label.startswith("maximize") else 1.0
-    values = np.array([np.nan if of is None else factor * of[0] for of in report["values"]])
+    """Values of each trial (a goal's report), and the best so far among those that keep the constraints; a panel for each goal."""
+    goals = report["goals"]
     keeps = np.array(report["feasible"], bool)
+    ends = np.array(report["ends"])
+    with rc_context(LOOK):
+        figure = Figure(figsize=(5.4, 1.2 + 2.2 * len(goals)), layout="constrained")
+        panels = figure.subplots(len(goals), 1, sharex=True, squeeze=False)[:, 0]
+        for k, (axes, goal) in enumerate(zip(panels, goals, strict=True)):
+            label, factor = shown_unit(goal)
+            values = [np.nan if of is None else factor * of[k] for of in report["values"]]
+            sign = -1.0 if label.startswith("maximize") else 1.0
+            _panel(axes, np.array(values, dtype=float), keeps, ends, sign)
+            axes.set_ylabel(_said(label))
+        panels[-1].set_xlabel("trial")
+        panels[-1].set_xlim(-0.5, max(len(ends) - 0.5, 0.5))
+        panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+        handles, labels = panels[0].get_legend_handles_labels()
+        if len(goals) > 1:  # each has a best of its own
+            labels = ["best so far" if of.startswith("best") else of for of in labels]
+        figure.legend(
+            handles,
+            labels,
+            loc="outside upper left",
+            ncols=2,
+            columnspacing=1.4,
+            handletextpad=0.5,
+        )
+        return saved(figure, path)
+
+
+def _panel(
+    axes: Axes, values: np.ndarray, keeps: np.ndarray, ends: np.ndarray, sign: float
+) -> None:
+    """Draw the values of one goal, which is small where sign is 1, and marks of the trials that have none."""
     number = np.arange(len(values))
     ranked = np.where(keeps & np.isfinite(values), sign * values, np.inf)
     best = np.full(len(values), np.nan)
     if len(values):
         least = np.minimum.accumulate(ranked)
         best[np.isfinite(least)] = sign * least[np.isfinite(least)]
-    missing = ~np.isfinite(values)
-    with rc_context(LOOK):
-        figure = Figure(figsize=(5.4, 3.4), layout="constrained")
-        axes = figure.add_subplot()
+    axes.scatter(number[keeps], values[keeps], s=16, color="#999999", linewidths=0, label="trial")
+    breaks = ~keeps & np.isfinite(values)
+    if breaks.any():
         axes.scatter(
-            number[keeps], values[keeps], s=16, color="#999999", linewidths=0, label="trial"
+            number[breaks],
+            values[breaks],
+            s=18,
+            facecolors="none",
+            edgecolors="#999999",
+            linewidths=0.8,
+            label="breaks a constraint",
         )
-        breaks = ~keeps & ~missing
-        if breaks.any():
+    axes.step(number, best, where="post", color=style.TARGET, linewidth=1.6, label=_best(best))
+    marks = {"failed": ("x", style.ALARM), "pruned": ("|", "#666666"), "not run": ("_", "#666666")}
+    for end, (marker, color) in marks.items():
+        of = number[ends == end]
+        if len(of):
             axes.scatter(
-                number[breaks],
-                values[breaks],
-                s=18,
-                facecolors="none",
-                edgecolors="#999999",
-                linewidths=0.8,
-                label="breaks a constraint",
-            )
-        axes.step(number, best, where="post", color=style.TARGET, linewidth=1.6, label=_best(best))
-        if missing.any():
-            axes.scatter(
-                number[missing],
-                np.full(missing.sum(), 0.97),
+                of,
+                np.full(len(of), 0.97),
                 transform=axes.get_xaxis_transform(),
-                marker="x",
+                marker=marker,
                 s=18,
-                color=style.ALARM,
+                color=color,
                 linewidths=1.0,
-                label="failed or not run",
+                label={"not run": "not run: beyond a bound anyway"}.get(end, end),
             )
-        axes.set_xlabel("trial")
-        axes.set_ylabel(_said(label))
-        axes.set_xlim(-0.5, max(len(values) - 0.5, 0.5))
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-        figure.legend(loc="outside upper left", ncols=2, columnspacing=1.4, handletextpad=0.5)
-        return saved(figure, path)
 
 
 def front(report: Mapping[str, Any], path: str | Path) -> Path:
@@ -102,22 +123,15 @@ def sweep(
 ) -> Path | None:
     """The measures of a sweep over one or two varied numbers; None where there are more, or nothing to draw.
 
-    A panel for each measure; of two numbers the second has a line for each of its values. numbers: the first varied number of each row, in
-    `unit`; unit None: it is no number, and numbers are places.
+    A panel for each measure that changes; of two numbers the second has a line for each of its values. numbers: the first varied number
+    of each row, in `unit`; unit None: it is no number, and numbers are places.
     """
-    measures = list(
-        dict.fromkeys(
-            key
-            for row in rows
-            for key, value in row.items()
-            if key not in varied and isinstance(value, (int, float))
-        )
-    )
+    measures = _that_change(rows, varied)
     if not measures or not 1 <= len(varied) <= 2:
         return None
     groups = list(dict.fromkeys(str(row[varied[1]]) for row in rows)) if len(varied) == 2 else [""]
     with rc_context(LOOK):
-        figure = Figure(figsize=(5.4, 0.6 + 2.3 * len(measures)), layout="constrained")
+        figure = Figure(figsize=(5.4, 0.8 + 1.9 * len(measures)), layout="constrained")
         panels = figure.subplots(len(measures), 1, sharex=True, squeeze=False)[:, 0]
         colors = style.SEGMENTS if len(groups) > 1 else (style.TARGET,)
         for panel, measure in zip(panels, measures, strict=True):
@@ -136,8 +150,28 @@ def sweep(
         panels[-1].set_xlabel(f"{varied[0]} ({unit})" if unit else varied[0])
         if len(groups) > 1:
             handles, _ = panels[0].get_legend_handles_labels()
-            figure.legend(handles, groups, title=varied[1], loc="outside right upper")
+            figure.legend(handles, groups, title=varied[1], loc="outside upper left", ncols=4)
         return saved(figure, path)
+
+
+def _that_change(
+    rows: Sequence[Mapping[str, Any]], varied: Sequence[str], least: float = 1e-6
+) -> list[str]:
+    """Measures of a sweep's rows that change by more than `least` of the largest value in their unit: below is what the solver leaves."""
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        for key, value in row.items():
+            if key not in varied and isinstance(value, (int, float)):
+                found.setdefault(key, []).append(value)
+    largest: dict[str, float] = {}
+    for key, values in found.items():
+        unit = key.rpartition("_")[2]
+        largest[unit] = max(largest.get(unit, 0.0), max(map(abs, values)))
+    return [
+        key
+        for key, values in found.items()
+        if max(values) - min(values) > least * largest[key.rpartition("_")[2]]
+    ]
 
 
 def _said(label: str) -> str:

@@ -166,6 +166,14 @@ def poster(picture: Path, most: int = POSTER_BYTES) -> bytes:
     raise ValueError(f"{picture} does not fit into {most} bytes at 40 % of its size")
 
 
+def replaced(page: Path, block: str) -> bool:
+    """Write a block, with its marks, in place of the one that a page has. Returns False for a page that has none."""
+    before, mark, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    if mark:
+        page.write_text(before + block + rest.partition(END)[2], encoding="utf-8")
+    return bool(mark)
+
+
 def write_page(root: Path, name: str, scene: Path, folders: Sequence[Path]) -> Path:
     """The page, with the numbers of its scenes as they are now; scene: the first."""
     page = root / "docs/gallery" / f"{name}.md"
@@ -177,9 +185,7 @@ def write_page(root: Path, name: str, scene: Path, folders: Sequence[Path]) -> P
     block = "\n".join(
         [BEGIN, *table({r["name"]: measured(r, of) for r, of in zip(results, folders)}), END]
     )
-    if page.exists() and BEGIN in (text := page.read_text(encoding="utf-8")):
-        before, rest = text.split(BEGIN, 1)
-        page.write_text(before + block + rest.split(END, 1)[1], encoding="utf-8")
+    if page.exists() and replaced(page, block):
         return page
     movie = root / "docs/images/gallery" / f"{name}.mp4"
     lines = [

@@ -3,8 +3,8 @@
     python docs/gallery/goals.py [NAME ...]
 
 Results go to runs/gallery/NAME; a study that has all its trials is not run again. Its progress and its best design's moments go to
-docs/images/gallery, and the movie beside them where it is smaller than 1 MiB. On docs/gallery/NAME.md the text between the marks
-`<!-- measured -->` and `<!-- /measured -->` is replaced.
+docs/images/gallery, and the movie beside them where it is smaller than 1 MiB. On docs/gallery/NAME.md the text between the marks of
+build.py is replaced.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from build import BEGIN, END, replaced
 
 from magmpm.cli import main as magmpm
 from magmpm.errors import in_words, significant
@@ -33,8 +35,6 @@ STUDIES = {
     "designed_vessel": "catheter_in_vessel",
     "designed_tweezers": "tweezers",
 }
-BEGIN = "<!-- measured -->"
-END = "<!-- /measured -->"
 MOVIE_BYTES = 1024 * 1024
 
 
@@ -54,13 +54,11 @@ def main(names: Sequence[str], root: Path = ROOT) -> int:
         if movie.exists() and movie.stat().st_size < MOVIE_BYTES:
             shutil.copy(movie, IMAGES / f"{name}.mp4")
         page = root / f"docs/gallery/{name}.md"
-        text = page.read_text(encoding="utf-8")
-        before, _, rest = text.partition(BEGIN)
         report = json.loads((out / "goal.json").read_text())
         table = measured(report)
         if load_scene(out / "best.yaml").static:
             table += in_motion(study, out, report)
-        page.write_text(f"{before}{BEGIN}\n{table}{END}{rest.partition(END)[2]}", encoding="utf-8")
+        replaced(page, f"{BEGIN}\n{table}{END}")
     return 0
 
 

@@ -4,7 +4,10 @@ Of a fed catheter only the part outside the guide bends: a shorter catheter, cla
 each length. Its displacement is carried from one length to the next at the points of the material, so that nothing jumps with the cells.
 """
 
+from __future__ import annotations
+
 from collections import OrderedDict
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -197,10 +200,20 @@ class FeedLoads:
             named = acting.collect(self._free, times=np.array([time]))
             line = Line((self._exit, 0.0, 0.0), shape.length)
             model = reshaped(replace(self.whole, scene=self._free), shape, made)
-            self._models[time] = static_model(replace(model, effects=named, time=time, line=line))
+            made_static = static_model(replace(model, effects=named, time=time, line=line))
+            self._models[time] = replace(made_static, again=lambda near: self._with(near).at(time))
             while len(self._models) > 4:  # lengths
                 self._models.popitem(last=False)
         return self._models[time]
+
+    def _with(self, free: Scene) -> FeedLoads:
+        """The loads of a scene without its guide, whose body is the same."""
+        other = copy(self)
+        other._free = free
+        other._bare = free.with_effects(ground=None, walls=None)
+        other.whole = replace(self.whole, scene=free)
+        other._models = OrderedDict()
+        return other
 
     def first(self, time: float) -> Equilibrium:
         """The equilibrium at a time, s, found as statics finds one: from the rod, or in a field that varies by a ramp of the load."""

@@ -161,6 +161,8 @@ def _with_formula(scene: Scene, variable: Variable) -> Variable | None:
     A component i of a direction d, which a scene normalizes, turns it along e_i - d_i d.
     """
     place = variable.place
+    if scene.effects.feed is not None:  # formulas are those of whole bodies
+        return None
     if place[:2] == ("field", "uniform") and not isinstance(_field(scene), str):
         return replace(variable, kind="field")
     if place[0] == "materials" and place[2] in ("shear_modulus", "remanence", "density"):
@@ -182,10 +184,11 @@ def _differentiable(place: Place) -> bool:
     return place[0] in ("field", "effects", "materials")
 
 
-def check_differentiable(scene: Scene) -> None:
+def check_differentiable(scene: Scene, *, fed: bool = False) -> None:
     """Raises InputError for a scene whose answer is not that of one equilibrium: what came before it counts.
 
     Along a path of equilibria that is friction alone: all else follows its load at each moment, and the past only chooses the branch.
+    fed: whether a catheter may be pushed out of its guide, which equilibria let slide.
     """
     if scene.solver.dynamic is not None:
         raise InputError(
@@ -203,6 +206,8 @@ def check_differentiable(scene: Scene) -> None:
             remedy="differentiate runs by differences, or leave the stream out",
         )
     if scene.solver.quasi_static is None:
+        return
+    if scene.effects.feed is not None and fed:
         return
     if scene.effects.feed is not None:
         raise InputError(

@@ -27,6 +27,7 @@ from magmpm.scene import Scene, memory, remedies
 from magmpm.solving.precompile import SOLVE, prepare_kernels
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.contact import Touched, contacts_at_rest
+from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread, solve_static
 from magmpm.statics.interacting import energy_of
 from magmpm.statics.layout import StaticModel, static_model
@@ -131,19 +132,48 @@ def end_of_path(scene: Scene) -> tuple[Result, Equilibrium]:
 
     Raises InputError and SolveError as `solve` does. The scene has no `feed`: a body that stays where it is always bends.
     """
+    result, equilibrium = along_path(scene)
+    found = equilibrium(-1)
+    assert found is not None  # of a fed catheter, it is None while all of it is in its guide
+    return result, found
+
+
+def along_path(
+    scene: Scene, folder: Path | str | None = None
+) -> tuple[Result, Callable[[int], Equilibrium | None]]:
+    """A path's Result, and what gives its equilibrium with a number as the solver found it, None while all of a body is in its guide.
+
+    folder: where its frames go; None: nowhere. Raises InputError and SolveError as `solve` does.
+    """
     scene.check_energy()
+    reached: list[tuple[StaticModel, Point] | None] = []
+
+    def keep(state: PathState) -> None:
+        branch = state.branch
+        reached.append(
+            None if branch is None else (branch.energy_at(state.time).model, branch.now.point)
+        )
+
     with remedies.named(scene):
-        result, state = _path(scene, AS_IT_IS)
-    branch = state.branch
-    assert branch is not None  # of a fed catheter, it is None while all of it is in its guide
-    point = branch.now.point
-    energy = energy_of(branch.energy_at(state.time).model)
-    with one_blas_thread():
-        factored(energy.alone, point)  # what is refined takes steps with these factors
-    still = np.zeros_like(point.grid)
-    return result, Equilibrium(
-        point, result.iterations, still, energy=energy, stability=result.stability
-    )
+        result, _ = _path(scene, RunOptions(folder=folder), keep)
+
+    def equilibrium(number: int) -> Equilibrium | None:
+        found = reached[number]
+        if found is None:
+            return None
+        model, point = found
+        energy = energy_of(model)
+        with one_blas_thread():
+            factored(energy.alone, point)  # what is refined takes steps with these factors
+        return Equilibrium(
+            point,
+            result.iterations,
+            np.zeros_like(point.grid),
+            energy=energy,
+            stability=result.steps[number]["stability"],
+        )
+
+    return result, equilibrium
 
 
 def with_state(error: SolveError, seconds: dict[str, float]) -> SolveError:
@@ -209,7 +239,12 @@ def _motion(scene: Scene, options: RunOptions) -> Result:
     return finite(_moved_result(moved, seconds))
 
 
-def _path(scene: Scene, options: RunOptions) -> tuple[Result, PathState]:
+def _path(
+    scene: Scene,
+    options: RunOptions,
+    on_state: Callable[[PathState], None] | None = None,
+) -> tuple[Result, PathState]:
+    """A path of equilibria. on_state: called with each, in place of the options' on_frame."""
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
     begun = time.perf_counter()
@@ -224,16 +259,7 @@ def _path(scene: Scene, options: RunOptions) -> tuple[Result, PathState]:
         seconds["solve"] = time.perf_counter() - begun - compiled
         return _path_result(state, seconds, failure)
 
-    def see(state: PathState) -> None:
-        if options.on_frame is not None:
-            shape = state.shape
-            options.on_frame(
-                state.time,
-                shape.centreline,
-                shape.tip,
-                measures.region_means(shape.model, shape.position),
-            )
-
+    see = on_state or _shown(options.on_frame)
     try:
         with (
             written_folder(options.folder, options.resume, options.on_begin),
@@ -257,6 +283,19 @@ def _path(scene: Scene, options: RunOptions) -> tuple[Result, PathState]:
             factored(energy, point)
         result.warnings.extend(missed_loads(scene, energy, point))
     return finite(result), state
+
+
+def _shown(on_frame: OnFrame | None) -> Callable[[PathState], None] | None:
+    """A caller's on_frame as what follows a path calls it."""
+    if on_frame is None:
+        return None
+
+    def see(state: PathState) -> None:
+        shape = state.shape
+        centers = measures.region_means(shape.model, shape.position)
+        on_frame(state.time, shape.centreline, shape.tip, centers)
+
+    return see
 
 
 def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:

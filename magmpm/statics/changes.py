@@ -258,6 +258,8 @@ def touched_by(model: StaticModel, grid: Array, obstacle: str) -> Touched:
 
 def _rebuilt(model: StaticModel, scene: Scene) -> StaticModel:
     """The model of a changed scene, at the same time."""
+    if model.again is not None:
+        return model.again(scene)
     return arranged(static_model(build(scene, time=model.time)))[0]
 
 

@@ -6,7 +6,7 @@ x) or (z, x, y). The columns of F and the reference remanence follow; deformed p
 F^T F, det F and F Br, so they do not change.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,6 +18,7 @@ from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import SceneError, dotted, lengths
 from magmpm.model import Driven, Model, volume_modes
+from magmpm.scene import Scene
 from magmpm.statics.block_cholesky import split_plane
 from magmpm.statics.bonds import Bonds, Springs, add_stiffness, bonds_of, held_by_faces
 from magmpm.statics.contact import RestingSurface, resting
@@ -144,6 +145,8 @@ class StaticModel(Model):
     touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
     pairs: RestingPairs | None = None  # by which it touches itself; None where it does not
     across_gaps: tuple[NDArray[np.bool_], ...] = ()  # nodes held as Pieces.held_across_gaps says
+    # of what is outside of a guide: the same part of another scene's body
+    again: "Callable[[Scene], StaticModel] | None" = None
 
     @cached_property
     def tip_weights(self) -> Array | None:

@@ -20,6 +20,18 @@ from magmpm.scene import Scene
 SAMPLES = 1000  # moments at which the field of a motion is looked at
 
 
+def pushed(scene: Scene) -> bool:
+    """True if a catheter is pushed out of a guide."""
+    return scene.effects.feed is not None and scene.effects.feed.speed > 0.0
+
+
+def time_of(scene: Scene, inserted: float) -> float:
+    """The time (s) at which a length (m) of a fed catheter is out of its guide."""
+    feed = scene.effects.feed
+    assert feed is not None  # Measure.moments
+    return (inserted - (scene.length - feed.exit)) / feed.speed
+
+
 @dataclass(frozen=True)
 class Answer:
     """A scene, its result, and the frames of what ran along time. Of a motion that still runs, result is None; of a scene that has not run,
@@ -39,8 +51,12 @@ class Answer:
         """Moments (k,) s: of an equilibrium 0 for the undeformed body, then 1."""
         return np.array([0.0, 1.0]) if self.motion is None else self.motion.times
 
-    def particles(self, k: int) -> Array:
-        """Positions (n, 3) m of the particles at moment number k."""
+    def particles(self, k: int | None) -> Array:
+        """Positions (n, 3) m of the particles at moment number k; None: of the undeformed body."""
+        if k is None and not self._path:  # which may be bent as it begins
+            k = 0
+        if k is None:
+            return self.model.particles.position
         if self.motion is not None:
             return np.asarray(self.motion.position(k), dtype=float)
         assert self.result is not None
@@ -61,8 +77,17 @@ class Answer:
             )
         return np.asarray(self.model.particles.segment == names.index(name))
 
-    def place(self, of: str, k: int, at: str) -> Array:
-        """The mean place (3,) m of the tip, the body, a part or a segment at moment k. Raises InputError."""
+    @property
+    def _path(self) -> bool:
+        """True for equilibria along time."""
+        return self.scene.solver.quasi_static is not None
+
+    def place(self, of: str, k: int | None, at: str) -> Array:
+        """The mean place (3,) m of the tip, the body, a part or a segment at moment k, None: undeformed. Raises InputError."""
+        if of == "tip" and k is not None and self._path and self.result is not None:
+            known = self.result.steps[k].get("tip")
+            if known is not None:  # all digits, which frames have not
+                return np.array(known)
         x = self.particles(k)
         if of != "tip":
             on = self.region(of, at)
@@ -81,8 +106,10 @@ class Answer:
             )
         return np.asarray(tip)
 
-    def moment(self, time: float | None, otherwise: int) -> int:
-        """Number of the moment nearest to a time (s); `otherwise` where none is given."""
+    def moment(self, time: float | None, otherwise: int, inserted: float | None = None) -> int:
+        """Number of the moment nearest to a time (s), or to when a length (m) is out of the guide; `otherwise` where neither is given."""
+        if inserted is not None:
+            time = time_of(self.scene, inserted)
         if time is None or self.motion is None:
             return range(len(self.times))[otherwise]
         return int(np.argmin(np.abs(self.times - time)))
@@ -116,6 +143,16 @@ class Answer:
             for t, k in zip(times, near, strict=True)
         ]
         return times, np.array(strengths)
+
+    def pushes(self, of: str) -> Array:
+        """Force (k, 3) N of an obstacle at each moment of what runs along time, or (1, 3) at rest."""
+        if self.motion is not None:
+            found = self.motion.contacts.get(of)
+            if found is None:
+                return np.zeros((len(self.times), 3))  # nothing has touched it
+            return np.column_stack([found[f"F{axis}"] for axis in "xyz"])
+        assert self.result is not None
+        return np.array([self.result.contacts[of]["force"]])
 
     @property
     def contacts(self) -> Mapping[str, Array]:

@@ -16,11 +16,12 @@ from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
-from magmpm.scene.variables import check_differentiable
+from magmpm.scene.addresses import value_at, written
+from magmpm.scene.variables import check_differentiable, variables
 from magmpm.studies.goals import evaluate
-from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile
-from magmpm.studies.goals.knobs import Knob, knobs
+from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile, VaryAnything
 from magmpm.studies.goals.measures import Measure, function_of, source_of
+from magmpm.studies.search.knobs import Knob, Turning, knobs
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,30 @@ class GoalStudy:
         if self.file.several:
             return "there are several goals"
         try:
-            check_differentiable(self.scene)
+            check_differentiable(self.scene, fed=True)
         except InputError:
-            return "the answer is not that of one equilibrium"
-        steps = [knob.name for knob in self.knobs if not knob.smooth]
-        rough = [at for at, data in self.measures.items() if not validate(Measure, data).smooth]
-        return f"{(steps or rough)[0]} has none" if steps or rough else None
+            return "the answer is not that of equilibria without a past"
+        measures = {at: validate(Measure, data) for at, data in self.measures.items()}
+        rough = [knob.name for knob in self.knobs if not self._has_derivative(knob)]
+        rough += [at for at, measure in measures.items() if not measure.smooth]
+        if (
+            self.scene.effects.feed is not None
+        ):  # of which derivatives know what is out of the guide
+            rough += [at for at, measure in measures.items() if measure.regions - {"tip"}]
+        return f"{rough[0]} has none" if rough else None
+
+    def _has_derivative(self, knob: Knob) -> bool:
+        """True if what a knob turns has a derivative."""
+        if not knob.smooth:
+            return False
+        whole = (self.scene.effects.auto or self.scene.resolution.requested) and self.scene.in_time
+        try:
+            for place in knob.places:
+                vector = isinstance(value_at(self.scene, place), list)
+                variables(self.scene, [written((*place, 0) if vector else place)])
+        except InputError:
+            return False
+        return not whole
 
     @property
     def sampler(self) -> str:
@@ -83,7 +102,7 @@ class GoalStudy:
 
     @property
     def directions(self) -> list[Literal["minimize", "maximize"]]:
-        """What Optuna does with each value of a trial."""
+        """Direction in which Optuna seeks each value of a trial."""
         if self.file.together:
             return ["minimize"]
         return ["maximize" if goal.key == "maximize" else "minimize" for goal in self.file.goals]
@@ -178,6 +197,28 @@ def _line(document: Document, message: str) -> str:
     return ""
 
 
+def _directions(vary: VaryAnything, scene: Scene) -> list[Knob]:
+    """The directions of magnetization that a study turns. Raises InputError."""
+    if vary.magnetization is None:
+        return []
+    regions = scene.regions()
+    names = [regions[k].name for k in scene.magnetized_regions()]
+    only = vary.magnetization.only
+    for name in only or ():
+        if name not in names:
+            raise InputError(
+                "vary.magnetization.only",
+                received=repr(name),
+                rule=f"must be magnetized regions: {', '.join(names) or 'the scene has none'}",
+                remedy="correct the name",
+            )
+    return [
+        Turning(regions[k].name, (("body", *regions[k].at, "magnetization"),))
+        for k in scene.magnetized_regions()
+        if only is None or regions[k].name in only
+    ]
+
+
 def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
     targets = tuple(
         evaluate.in_si(goal.target.value, goal.target, f"goal[{k}].target.value")
@@ -206,9 +247,16 @@ def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
                 remedy="exchange or correct them",
             )
     study = GoalStudy(
-        document.path, document.path.stem, file, scene, knobs(file.vary, scene), targets, bounds
+        document.path,
+        document.path.stem,
+        file,
+        scene,
+        knobs(file.vary.numbers, scene, _directions(file.vary, scene)),
+        targets,
+        bounds,
     )
     for at, data in study.measures.items():
+        validate(Measure, data).check_moments(scene, at)
         if data.get("python"):
             function_of(data["python"], document.path.parent, at)
     if file.sampler in (SLSQP, GAUSS_NEWTON) and study.rough is not None:

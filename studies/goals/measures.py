@@ -6,7 +6,7 @@ import importlib.util
 import math
 import traceback
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -16,15 +16,17 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, MagmpmError
+from magmpm.errors import InputError, MagmpmError, length, quantity
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
-from magmpm.studies.goals.answer import Answer
+from magmpm.scene import Scene
+from magmpm.studies.goals.answer import Answer, pushed, time_of
 
 _Spot = Annotated[
     Annotated[str, Tag("name")] | Annotated[Point, Tag("point")],
     Discriminator(lambda value: "name" if isinstance(value, str) else "point"),
 ]
+_Length = Annotated[float, Quantity("length", at_least="0 mm", at_most="10 m")]
 _Time = Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")]
 OF: Any = Field(
     default="body",
@@ -39,12 +41,12 @@ ALONG: Any = Field(
 
 @dataclass(frozen=True)
 class Slopes:
-    """Derivatives by k parameters of an equilibrium: of a place (3, k) m and of a moment (3, 3, k) m^2 by the name of a region, and of an
-    obstacle's force (3, k) N by its name. SI, per unit of each parameter."""
+    """Derivatives by p parameters of equilibrium number k: of a place (3, p) m and of a moment (3, 3, p) m^2 by the name of a region and k,
+    and of an obstacle's force (3, p) N by its name and k. SI, per unit of each parameter."""
 
-    place: Callable[[str], Array]
-    moment: Callable[[str], Array]
-    force: Callable[[str], Array]
+    place: Callable[[str, int], Array]
+    moment: Callable[[str, int], Array]
+    force: Callable[[str, int], Array]
 
 
 class OneMeasure(Settings):
@@ -71,31 +73,51 @@ class Smooth(OneMeasure):
         return None
 
 
-class Position(Smooth):
+class AtMoment(Smooth):
+    """A kind of measure that is taken at one moment of what runs along time."""
+
+    at: _Time | None = Field(default=None, description="When; at the end unless given.")
+    inserted: _Length | None = Field(
+        default=None,
+        description="Of a fed catheter, in place of `at`: when this length is out of its guide.",
+        examples=["20 mm"],
+    )
+
+    @model_validator(mode="after")
+    def _once(self) -> AtMoment:
+        if self.at is not None and self.inserted is not None:
+            raise fault("at and inserted both say when", "remove one of them", ("inserted",))
+        return self
+
+    def moment(self, answer: Answer) -> int:
+        """Number of the moment."""
+        return answer.moment(self.at, -1, self.inserted)
+
+
+class Position(AtMoment):
     """Place along a direction, m."""
 
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
     of: str = OF
     along: Axis = ALONG
-    at: _Time | None = Field(default=None, description="When; at the end unless given.")
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        return float(answer.place(self.of, answer.moment(self.at, -1), at) @ np.array(self.along))
+        return float(answer.place(self.of, self.moment(answer), at) @ np.array(self.along))
 
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
-        return np.array(self.along) @ of.place(self.of)
+        return np.array(self.along) @ of.place(self.of, self.moment(answer))
 
 
 class Displacement(Position):
     """Way from the undeformed body's place along a direction, m."""
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        begin = answer.place(self.of, 0, at) @ np.array(self.along)
+        begin = answer.place(self.of, None, at) @ np.array(self.along)
         return super().of_answer(answer, at) - float(begin)
 
 
-class Travel(OneMeasure):
+class Travel(Smooth):
     """Way between two times along a direction, m."""
 
     kind: ClassVar[str | None] = "length"
@@ -114,8 +136,12 @@ class Travel(OneMeasure):
         way = answer.place(self.of, last, at) - answer.place(self.of, first, at)
         return float(way @ np.array(self.along))
 
+    def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
+        first, last = answer.moment(self.begin, 0), answer.moment(self.end, -1)
+        return np.array(self.along) @ (of.place(self.of, last) - of.place(self.of, first))
 
-class Turn(Smooth):
+
+class Turn(AtMoment):
     """Rotation about an axis since the begin, by the rotation that fits the particles best, rad."""
 
     kind: ClassVar[str | None] = "angle"
@@ -124,10 +150,9 @@ class Turn(Smooth):
     about: Axis = Field(
         default=(0.0, 1.0, 0.0), description="The axis; +y unless given.", examples=[[0, 1, 0]]
     )
-    at: _Time | None = Field(default=None, description="When; at the end unless given.")
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        begin, now, share = self._arms(answer, answer.moment(self.at, -1), at)
+        begin, now, share = self._arms(answer, self.moment(answer), at)
         turned, _ = Rotation.align_vectors(now, begin, weights=share)
         return float(turned.as_rotvec() @ np.array(self.about))
 
@@ -137,11 +162,12 @@ class Turn(Smooth):
         dR = R W, with the skew part of R^T dM = (W P + P W) / 2: w = (tr P - P)^-1 a, a the axial vector of R^T dM - (R^T dM)^T. Then dr is
         w by the inverse of the right Jacobian of SO(3) (Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2, sec. 10.8.2).
         """
-        begin, now, share = self._arms(answer, -1, at)
+        k = self.moment(answer)
+        begin, now, share = self._arms(answer, k, at)
         turned, _ = Rotation.align_vectors(now, begin, weights=share)
         R = turned.as_matrix()
         P = R.T @ ((share[:, None] * now).T @ begin)
-        A = np.einsum("ji,jmk->imk", R, of.moment(self._of))
+        A = np.einsum("ji,jmk->imk", R, of.moment(self._of, k))
         a = np.stack([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
         w = np.linalg.solve(np.trace(P) * np.eye(3) - P, a)
         r = turned.as_rotvec()
@@ -160,12 +186,12 @@ class Turn(Smooth):
         on = answer.region(self._of, at)
         volume = answer.model.particles.volume[on]
         share = volume / volume.sum()
-        begin = answer.particles(0)[on]
+        begin = answer.particles(None)[on]
         now = answer.particles(k)[on]
         return begin - share @ begin, now - share @ now, share
 
 
-class Distance(Smooth):
+class Distance(AtMoment):
     """Distance of two places, m."""
 
     kind: ClassVar[str | None] = "length"
@@ -174,11 +200,9 @@ class Distance(Smooth):
         description="Two of tip, body, names of parts and segments, and points [x, y, z].",
         examples=[["tip", ["30 mm", "0 mm", "5 mm"]]],
     )
-    at: _Time | None = Field(default=None, description="When; at the end unless given.")
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        k = answer.moment(self.at, -1)
-        one, other = self._spots(answer, k, at)
+        one, other = self._spots(answer, self.moment(answer), at)
         return float(np.linalg.norm(one - other))
 
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
@@ -186,9 +210,10 @@ class Distance(Smooth):
         return np.asarray(apart / max(float(np.linalg.norm(apart)), 1e-12) @ way)
 
     def parts(self, answer: Answer, at: str, of: Slopes) -> tuple[Array, Array]:
-        one, other = self._spots(answer, -1, at)
+        k = self.moment(answer)
+        one, other = self._spots(answer, k, at)
         way = sum(
-            sign * of.place(spot)
+            sign * of.place(spot, k)
             for sign, spot in zip((1.0, -1.0), self.between, strict=True)
             if isinstance(spot, str)
         )
@@ -232,9 +257,23 @@ class ContactForce(Smooth):
                 rule="forces between parts of the body have no derivatives",
                 remedy="write `sampler: tpe`, or name ground or walls",
             )
-        force = np.array(answer.result.contacts[self.of]["force"])
-        toward = force / max(float(np.linalg.norm(force)), 1e-300)
-        return np.asarray(toward @ of.force(self.of))
+        forces = answer.pushes(self.of)
+        sizes = np.linalg.norm(forces, axis=1)
+        first = len(answer.times) - len(forces)  # while it is in its guide nothing touches it
+        slopes = {
+            k: forces[k]
+            / max(float(np.linalg.norm(forces[k])), 1e-300)
+            @ of.force(self.of, first + k)
+            for k in self._counted(sizes)
+        }
+        share = len(answer.times) if answer.motion is not None and self.over == "mean" else 1
+        return np.asarray(sum(slopes.values()) / share)
+
+    def _counted(self, sizes: Array) -> Sequence[int]:
+        """Numbers of the moments that count."""
+        if self.over == "mean":
+            return range(len(sizes))
+        return [int(np.argmax(sizes)) if self.over == "largest" else len(sizes) - 1]
 
     def of_answer(self, answer: Answer, at: str) -> float:
         found = answer.contacts
@@ -394,6 +433,53 @@ class Measure(Settings):
     def kind(self) -> str | None:
         """Kind of its quantity, None for a plain number."""
         return None if self.python is not None else KINDS[self.name].kind
+
+    @property
+    def regions(self) -> set[str]:
+        """Names of the regions whose places it measures."""
+        said = {} if self.python is not None else getattr(self, self.name).model_dump()
+        between = said.get("between", ())
+        places = [said.get("of"), *(of for of in between if isinstance(of, str))]
+        kinds = ("position", "displacement", "travel", "turn", "distance")
+        return {str(of) for of in places if of is not None and self.name in kinds}
+
+    def check_moments(self, scene: Scene, at: str) -> None:
+        """Raises InputError for a time at which the scene has no answer, and a length that nobody pushes out of a guide."""
+        kind = None if self.python is not None else getattr(self, self.name)
+        said = {key: getattr(kind, key, None) for key in ("at", "begin", "end", "inserted")}
+        for key, value in said.items():
+            if value is None:
+                continue
+            place = f"{at}.{self.name}.{ {'begin': 'from', 'end': 'to'}.get(key, key) }"
+            if key == "inserted":
+                if not pushed(scene):
+                    raise InputError(
+                        place,
+                        received=length(value),
+                        rule="a length comes out of the guide of a catheter that is fed",
+                        remedy="name `effects: {feed: ...}` in the scene, or give `at` a time",
+                    )
+                value = time_of(scene, value)
+            times = scene.path_times() or ([0.0, scene.duration] if scene.in_time else [])
+            near = min(times, key=lambda time: abs(time - value), default=None)
+            along = scene.solver.quasi_static is not None
+            off = math.inf if near is None else abs(near - value)
+            if off <= 1e-6 * max(times, default=0.0) or (
+                not along and value <= max(times, default=-1.0)
+            ):
+                continue
+            raise InputError(
+                place,
+                received=quantity(value, "s"),
+                rule=(
+                    "an equilibrium has no times"
+                    if near is None
+                    else f"the scene has no answer then; the nearest is at {quantity(near, 's')}"
+                ),
+                remedy="leave it out"
+                if near is None
+                else "choose that, or add it to `solver.quasi_static.at`",
+            )
 
     @property
     def smooth(self) -> bool:

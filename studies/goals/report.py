@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,11 +26,11 @@ class GoalReport:
     """Findings of a search.
 
     goals: each in words, with its SI unit; limits: of measures, by their places in the file; values: of each trial, SI, None where it
-    failed; feasible: whether each keeps the limits; best: number, values, measures, params and whether it keeps the limits; begun: params
-    of the scene as it is; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not
-    run; finer: the best on more cells; scatter: values of designs that are all but the best; why_sampler: that the file does not
-    name; ended: running, done or interrupted;
-    warnings: of the best run.
+    has none, and `ends` says why: done, failed, pruned or not run; feasible: whether each keeps the limits; best: number, values,
+    measures, params and whether it keeps the limits; begun: params of the scene as it is; tied: how many numbers of the scene share a
+    parameter, where they are several; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and
+    were not run; finer: the best on more cells; scatter: values of designs that are all but the best; why_sampler: that the file does not
+    name; ended: running, done or interrupted; warnings: of the best run.
     """
 
     name: str
@@ -38,9 +39,11 @@ class GoalReport:
     trials: int
     values: list[list[float] | None]
     feasible: list[bool]
+    ends: list[str]
     best: dict[str, Any] | None
     pareto: list[dict[str, Any]]
     begun: dict[str, Any]
+    tied: dict[str, int]
     failed: list[dict[str, Any]]
     pruned: int
     skipped: int
@@ -57,6 +60,11 @@ class GoalReport:
     def summary(self) -> dict[str, Any]:
         """Plain data."""
         return dict(vars(self))
+
+
+def shared(tied: Mapping[str, int], name: str) -> str:
+    """Return how many more numbers have the value of a parameter, in words; "" where none has."""
+    return f" and {tied[name] - 1} tied to it" if name in tied else ""
 
 
 def spread(report: GoalReport) -> float | None:
@@ -86,7 +94,8 @@ def text(report: GoalReport) -> str:
             name = limit["label"].rpartition(" (")[0] or limit["label"]
             lines.append(f"    {name}: {value} ({limit['bounds']})")
         lines += [
-            f"    {name} = {value if isinstance(value, str) else significant(value, 6)}"
+            f"    {name}{shared(report.tied, name)} ="
+            f" {value if isinstance(value, str) else significant(value, 6)}"
             for name, value in report.best["params"].items()
         ]
     else:

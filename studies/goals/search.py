@@ -29,9 +29,9 @@ from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.descend import Enough, Slopes, descend
 from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP
 from magmpm.studies.goals.goal_study import GoalStudy
-from magmpm.studies.goals.knobs import distributions, made
 from magmpm.studies.goals.report import REPORT, GoalReport
 from magmpm.studies.goals.slopes import Derived, Near, shares, stencil, values_and_slopes
+from magmpm.studies.search.knobs import distributions, made
 from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 
@@ -222,7 +222,7 @@ class _Seeking:
             self.known.set_user_attr(CONVERGED, True)
 
     def _missed(self, found: dict[str, Derived]) -> Slopes:
-        """By how much each target is missed, with its slopes: of a point that must be reached its three components."""
+        """Gaps to the targets, with their slopes: to a point that must be reached three components."""
         values = []
         slopes = []
         for at, target in zip(self.study.measures, self.study.targets, strict=False):
@@ -480,6 +480,7 @@ class _Seeking:
             trials=len(finished),
             values=[list(t.values) if t.state.name == "COMPLETE" else None for t in finished],
             feasible=[t.state.name == "COMPLETE" and _keeps(t) for t in finished],
+            ends=[_end(t) for t in finished],
             best=None if best is None else self._shown(best),
             pareto=[self._shown(t) for t in self.known.best_trials]
             if self.study.file.several
@@ -489,13 +490,19 @@ class _Seeking:
                 for t in finished
                 if WHY in t.user_attrs
             ],
-            pruned=sum(t.user_attrs.get(SKIPPED) is False for t in finished),
-            skipped=sum(t.user_attrs.get(SKIPPED) is True for t in finished),
+            pruned=sum(_end(t) == "pruned" for t in finished),
+            skipped=sum(_end(t) == "not run" for t in finished),
             limits=self.study.limits,
             begun={
                 name: value
                 for knob in self.study.knobs
                 for name, value in knob.own(self.study.scene).items()
+            },
+            tied={
+                name: len(knob.places)
+                for knob in self.study.knobs
+                if len(knob.places) > 1
+                for name in knob.distributions()
             },
             study_file=str(self.study.path.resolve()),
             sampler=self.study.sampler,
@@ -570,6 +577,15 @@ class _Seeking:
             evaluate.forget(self.out / f"near_{k}")
         self.known.set_user_attr("scatter", found)
         return found
+
+
+def _end(trial: FrozenTrial) -> str:
+    """End of a trial: done, failed, pruned, or not run, as it breaks a bound anyway."""
+    if trial.state.name == "COMPLETE":
+        return "done"
+    if trial.state.name == "FAIL":
+        return "failed"
+    return "not run" if trial.user_attrs.get(SKIPPED) else "pruned"
 
 
 def _keeps(trial: FrozenTrial) -> bool:

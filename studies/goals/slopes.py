@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,10 @@ from optuna.distributions import FloatDistribution
 
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import validate
+from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, value_at, written
+from magmpm.statics.linearized import Sensitivities
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import Measure, OneMeasure, Slopes, Smooth
 
@@ -42,39 +44,62 @@ def values_and_slopes(
     made: Callable[[Params], Scene],
     places: Sequence[Place],
     params: Params,
-    near: Near,
+    stencils: Near,
     measures: Mapping[str, Mapping[str, Any]],
     folder: Path,
 ) -> dict[str, Derived]:
-    """Value, SI, and derivatives, SI per unit of each of k ways near the parameters, of measures by name.
+    """Value, SI, and derivatives, SI per unit of each of some ways near the parameters, of measures by name.
 
     The run's result goes to `folder`. made: the scene of parameters; places: of the scene that they turn. Raises MagmpmError as `run` does.
     """
-    from magmpm.simulate import sensitivities
+    from magmpm.simulate import sensitivities, sensitivities_along
 
     scene = made(params)
-    ways = [[(share, made(there)) for share, there in one] for one in near]
+    ways = [[(share, made(there)) for share, there in one] for one in stencils]
     leaves = [leaf for place in places for leaf in _leaves(scene, place)]
     turns = np.zeros((len(leaves), len(ways)))  # dv/dp
     for i, leaf in enumerate(leaves):
         number = partial(_number, leaf)
         turns[i] = [_slope(way, number) for way in ways]
-    found = sensitivities(scene, [written(leaf) for leaf in leaves])
-    found.result.save(folder)
-    answer = Answer(scene, found.result)
+    addresses = [written(leaf) for leaf in leaves]
+    if scene.in_time:
+        result, equilibrium = sensitivities_along(scene, addresses, folder)
+        answer = Answer(scene, result, Motion.load(folder))
+    else:
+        found = sensitivities(scene, addresses)
+        found.result.save(folder)
+        answer = Answer(scene, found.result)
+
+    @cache
+    def near(k: int) -> Sensitivities | None:
+        """Derivatives of equilibrium number k; None where the body is straight, whatever the numbers are."""
+        if scene.in_time:
+            return equilibrium(k)
+        return found if k else None
+
     names = [region.name for region in scene.regions()]
 
-    def place(of: str) -> Array:
-        if of == "tip":
-            assert found.tip is not None  # the measure has asked for it
-            return np.asarray(found.tip @ turns)
-        return found.mean(None if of == "body" else names.index(of)) @ turns
+    def region(of: str) -> int | None:
+        return None if of == "body" else names.index(of)
 
-    slopes = Slopes(
-        place,
-        lambda of: found.moments(None if of == "body" else names.index(of)) @ turns,
-        lambda of: found.contact_force(of) @ turns,
-    )
+    def place(of: str, k: int) -> Array:
+        there = near(k)
+        if there is None:
+            return np.zeros((3, len(ways)))
+        if of == "tip":
+            assert there.tip is not None  # the measure has asked for it
+            return np.asarray(there.tip @ turns)
+        return there.mean(region(of)) @ turns
+
+    def moment(of: str, k: int) -> Array:
+        there = near(k)
+        return np.zeros((3, 3, len(ways))) if there is None else there.moments(region(of)) @ turns
+
+    def force(of: str, k: int) -> Array:
+        there = near(k if scene.in_time else 1)
+        return np.zeros((3, len(ways))) if there is None else there.contact_force(of) @ turns
+
+    slopes = Slopes(place, moment, force)
     out = {}
     for at, data in measures.items():
         measure = validate(Measure, data)

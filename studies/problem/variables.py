@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from magmpm.inputs.quantities import KINDS, format_si
 from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.vectors import Axis
 from magmpm.materials import STIFFEST
 
 _Length = Annotated[float, Quantity("length", above="0 mm", at_most="10 m")]
@@ -116,6 +117,111 @@ class VaryOrder(Settings):
     """The order of magnetized and plain segments. No settings."""
 
 
+class FreeDirection(Settings):
+    """A direction: two angles, or one in a plane."""
+
+    across: Axis | None = Field(
+        default=None,
+        description="It turns about this axis, in the plane across it: one angle. Free unless given.",
+        examples=[[0, 1, 0]],
+    )
+    at_most: Annotated[float, Quantity("angle", at_least="0.1 deg", at_most="180 deg")] | None = (
+        Field(
+            default=None,
+            description=(
+                "With `across`: how far it turns from the scene's own to either side. Half a turn"
+                " unless given."
+            ),
+            examples=["45 deg"],
+        )
+    )
+
+    @model_validator(mode="after")
+    def _in_a_plane(self) -> FreeDirection:
+        if self.at_most is not None and self.across is None:
+            raise fault(
+                "at_most is for a direction in a plane",
+                "add `across: [0, 1, 0]`, the axis of the turn",
+                ("at_most",),
+            )
+        return self
+
+
+class VaryNumber(Settings):
+    """A number of the scene, or several that share one value: bounds, choices, or a direction."""
+
+    of: str | tuple[str, ...] = Field(
+        description=(
+            "Its address: the keys of the scene's file, dots between them, [i] or [*] for lists; or"
+            " a list of them."
+        ),
+        examples=["field.uniform[2]"],
+    )
+    min: Any = Field(default=None, description="Least value, with its unit.", examples=["2 Hz"])
+    max: Any = Field(default=None, description="Greatest value, with its unit.", examples=["20 Hz"])
+    log: bool = Field(
+        default=False, description="Whether factors count in place of differences.", examples=[True]
+    )
+    choices: tuple[Any, ...] | None = Field(
+        default=None,
+        min_length=2,
+        max_length=1000,
+        description="Values, one of which it has.",
+        examples=[["0.2 mm", "0.3 mm"]],
+    )
+    direction: FreeDirection | None = Field(
+        default=None, description="It is a direction, which turns: {}.", examples=["{}"]
+    )
+    within: Any = Field(
+        default=None,
+        description=(
+            "It is a vector of at most this length, with its unit: a strength and a direction."
+        ),
+        examples=["10 mT"],
+    )
+
+    turned_about: Axis | None = Field(
+        default=None,
+        description=(
+            "Of tied directions: they stand around this axis, each turned from the one before by an"
+            " equal share of a full turn."
+        ),
+        examples=[[0, 0, 1]],
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> VaryNumber:
+        if self.turned_about is not None and (
+            not isinstance(self.of, tuple) or (self.direction is None and self.within is None)
+        ):
+            raise fault(
+                "turned_about is for a list of directions",
+                "give `of` a list of addresses, and `direction: {}`",
+                ("turned_about",),
+            )
+        bounded = self.min is not None or self.max is not None
+        vector = self.direction is not None or self.within is not None
+        if bounded + (self.choices is not None) + vector != 1 or (
+            bounded and (self.min is None or self.max is None)
+        ):
+            raise fault(
+                "must have min and max, or choices, or a direction, or within",
+                "write, say, `{of: field.uniform[2], min: 2 mT, max: 8 mT}`",
+            )
+        return self
+
+
+class VaryWithin(Settings):
+    """A number of the scene within bounds, or several that share one value."""
+
+    of: str | tuple[str, ...] = Field(
+        description="Its address, or a list of addresses.",
+        examples=["effects.gravity.acceleration[0]"],
+    )
+    min: Any = Field(description="Least value, with its unit.", examples=["0 m/s^2"])
+    max: Any = Field(description="Greatest value, with its unit.", examples=["5 m/s^2"])
+
+
 class Vary(Settings):
     """Variables that the study may change."""
 
@@ -151,6 +257,13 @@ class Vary(Settings):
         default=None,
         description="The order of magnetized and plain segments along the body: {}.",
         examples=["{}"],
+    )
+    numbers: tuple[VaryWithin, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=1000,
+        description="Other numbers of the scene within bounds, by their addresses.",
+        examples=[[{"of": "effects.gravity.acceleration[0]", "min": "0 m/s^2", "max": "5 m/s^2"}]],
     )
 
     @model_validator(mode="after")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.vectors import from_angles
-from magmpm.scene.addresses import Place
+from magmpm.scene.addresses import Place, written
 
 Parameters = Mapping[str, Any]
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -129,7 +129,8 @@ class VariedNumber:
     """A quantity from low to high (SI); embedded as its place between them, 0 to 1.
 
     name: of its parameter, which is in the unit that the name ends with, `unit` of which are an SI unit. what: length, diameter,
-    remanence or shear_modulus; place: in the scene; segment: whose number it is, from 0, or None.
+    remanence or shear_modulus, or "number" of one that has an address; place: in the scene; segment: whose number it is, from 0, or None;
+    shared: further places that have the same value.
     """
 
     name: str
@@ -139,7 +140,15 @@ class VariedNumber:
     unit: float
     place: Place = ()
     segment: int | None = None
+    shared: tuple[Place, ...] = ()
     size = 1
+
+    @property
+    def kinds(self) -> list[str]:
+        """Names by which `magmpm.sensitivities` knows it."""
+        if self.what != "number":
+            return [self.what]
+        return [written(place) for place in (self.place, *self.shared)]
 
     def bounds(self) -> dict[str, tuple[float, float]]:
         return {self.name: (self.unit * self.low, self.unit * self.high)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError
 from magmpm.scene import Scene
-from magmpm.studies.problem.variables import Vary
+from magmpm.scene.addresses import Place, written
+from magmpm.studies.problem.variables import Vary, VaryNumber
+from magmpm.studies.search.knobs import Bounded, Choice, knobs
 from magmpm.studies.search.parameters import VariedNumber
 
 MOST_ORDERS = 1000
@@ -71,7 +74,44 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
             for name in dict.fromkeys(regions[i].material_name for i in of):
                 place = ("materials", name, what)
                 found.append(VariedNumber(f"{what}_of_{name}_{unit}", what, *ends, place))
-    return tuple(found)
+    return (*found, *_by_address(vary, scene, found))
+
+
+def _by_address(vary: Vary, scene: Scene, others: Sequence[VariedNumber]) -> Iterator[VariedNumber]:
+    """The numbers that a study varies by their addresses. Raises InputError."""
+    if not vary.numbers:
+        return
+    places: list[Place] = [other.place for other in others]
+    if vary.field is not None:
+        places.append(("field", "uniform"))
+    if vary.magnetization is not None:
+        places += [
+            ("body", *scene.regions()[k].at, "magnetization") for k in scene.magnetized_regions()
+        ]
+    turned = [Choice("another key of `vary`", (place,), ()) for place in places]
+    numbers = [VaryNumber(of=one.of, min=one.min, max=one.max) for one in vary.numbers]
+    for knob in knobs(numbers, scene, turned)[len(turned) :]:
+        place = knob.places[0]
+        at = f"vary.numbers: {written(place)}"
+        if not isinstance(knob, Bounded) or knob.whole:
+            raise InputError(
+                at,
+                received="a whole number",
+                rule="a study of shapes varies real numbers",
+                remedy="leave it out, or write a study with a `goal`",
+            )
+        if place[0] == "body" and place[-1] in ("length", "diameter"):
+            raise InputError(
+                at,
+                received=f"a {place[-1]} of the body",
+                rule="a length that changes is followed by the others, and by the target",
+                remedy=f"write `{place[-1]}: {{min: ..., max: ...}}` in `vary`",
+            )
+        low = knob.scale * knob.low
+        high = knob.scale * knob.high
+        yield VariedNumber(
+            knob.name, "number", low, high, 1.0 / knob.scale, place, shared=knob.places[1:]
+        )
 
 
 def kept_total(requested: Array, low: float, high: float, total: float) -> tuple[Array, Array]:

@@ -296,7 +296,7 @@ class SearchSpace:
         for turned, at in self.those(SegmentDirection):
             found["body", *regions[turned.segment].at, "magnetization"] = x[at].tolist()
         for number, at in self.those(VariedNumber):
-            found[number.place] = number.value(x[at])
+            found |= dict.fromkeys((number.place, *number.shared), number.value(x[at]))
         fields = self.those(FieldVector)
         if fields:
             found["field", "uniform"] = x[fields[field][1]].tolist()
@@ -368,7 +368,8 @@ class SearchSpace:
         found = ["magnetization"] if self.segments else []
         if self.field_max is not None:
             found.append("field")
-        return list(dict.fromkeys([*found, *(number.what for number in self.numbers_within)]))
+        found += [kind for number in self.numbers_within for kind in number.kinds]
+        return list(dict.fromkeys(found))
 
     def chain(
         self, variables: Sequence[Variable], x: Array, order: str | None = None, field: int = -1
@@ -396,7 +397,8 @@ class SearchSpace:
         numbers = self.those(VariedNumber)
         for number, at in numbers:
             if number.what != "length":
-                found[rows.get(number.place, []), at] = number.high - number.low
+                for place in (number.place, *number.shared):
+                    found[rows.get(place, []), at] = number.high - number.low
         lengths = [(number, at) for number, at in numbers if number.what == "length"]
         fields = self.those(FieldVector)
         for i in range(3 if fields else 0):

@@ -287,6 +287,10 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
 
 def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
     """The bounds of what varies must be those of scenes there are. Raises InputError with the number that shows it."""
+    try:
+        numbers_of(file.vary, scene)
+    except InputError as error:
+        raise InputError(f"{place(document, 'vary', 'numbers')}: {error}") from None
     found = _lengths_fault(scene, file) or _diameter_fault(scene, file) or _order_fault(scene, file)
     if found is None and scene.body.shape.line is not None:
         found = _corner_fault(scene, file)
@@ -411,7 +415,7 @@ def _corner_fault(scene: Scene, file: StudyFile) -> Fault | None:
         except InputError as error:
             key = next(
                 what
-                for what in ("diameter", "length", "remanence", "shear_modulus")
+                for what in ("diameter", "length", "remanence", "shear_modulus", "numbers")
                 if getattr(file.vary, what, None) is not None
             )
             said = " ".join(line.strip() for line in str(error).splitlines())

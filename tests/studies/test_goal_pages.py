@@ -56,6 +56,7 @@ def test_the_page_tells_goals_bounds_and_the_design(out: Path, tmp_path: Path, t
         "Magnetization",
         "segment 1",
         "magmpm design",
+        f"The study: {report['study_file']}",
     ):
         assert words in page, words
     assert page.count("data:image/png") == 3
@@ -96,3 +97,47 @@ def test_one_goal_has_no_front(tmp_path: Path, told) -> None:
     told("design", written(tmp_path, STUDY), "--trials", 2, "--out", tmp_path / "out")
     assert (tmp_path / "out/progress.png").exists()
     assert not (tmp_path / "out/front.png").exists()
+
+
+def test_a_sweep_draws_what_changes() -> None:
+    """A coordinate that is zero but for rounding has no panel; one that changes, and numbers of another unit, have one."""
+    from magmpm.viz.goal_plots import _that_change
+
+    rows = [
+        {
+            "field": field,
+            "tip_y_m": noise,
+            "tip_z_m": 1e-3 * k,
+            "strain": 0.2 + 1e-3 * k,
+            "failed": "",
+        }
+        for k, (field, noise) in enumerate([("2 mT", 1e-18), ("4 mT", -3e-17), ("8 mT", 0.0)])
+    ]
+    assert _that_change(rows, ["field"]) == ["tip_z_m", "strain"]
+
+
+def test_progress_tells_how_each_trial_ended(tmp_path: Path) -> None:
+    """A panel for each goal, and a mark of its own for trials that failed, were pruned, or were not run."""
+    from matplotlib.figure import Figure
+
+    from magmpm.viz import goal_plots
+
+    drawn: list[Figure] = []
+    report = {
+        "goals": ["maximize travel (m)", "minimize largest_field (T)"],
+        "values": [[1e-3, 5e-3], None, None, None, [2e-3, 6e-3]],
+        "feasible": [True, False, False, False, True],
+        "ends": ["done", "failed", "pruned", "not run", "done"],
+    }
+
+    def kept(figure: Figure, path: Path) -> Path:
+        drawn.append(figure)
+        return path
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(goal_plots, "saved", kept)
+        goal_plots.progress(report, tmp_path / "progress.png")
+    (figure,) = drawn
+    assert [axes.get_ylabel() for axes in figure.axes] == ["travel (mm)", "largest field (mT)"]
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["trial", "best so far", "failed", "pruned", "not run: beyond a bound anyway"]

@@ -23,10 +23,10 @@ from magmpm.simulate import run
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.goal_file import SCHEMA, GoalFile
 from magmpm.studies.goals.goal_study import load_goal
-from magmpm.studies.goals.knobs import distributions, made
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.report import GoalReport, spread
 from magmpm.studies.goals.slopes import stencil, values_and_slopes
+from magmpm.studies.search.knobs import distributions, made
 
 ROOT = Path(__file__).parents[2]
 

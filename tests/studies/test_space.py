@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from rod_solve import SCENE, STUDY, differentiate, solve, write_study
 
+import magmpm
+from magmpm.errors import InputError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
@@ -57,13 +59,15 @@ def test_the_chain_rule_is_the_derivative_of_the_scenes(
 
     Steps of 1e-5 of a range: differences are good to 1e-10 / 1e-5 = 1e-5 of the largest derivative of a block, here of 1.
     """
-    space = space_of(tmp_path, total, per)
+    assert_chain(space_of(tmp_path, total, per), "PMMPM")
+
+
+def assert_chain(space: SearchSpace, order: str | None) -> None:
     rng = np.random.default_rng(5)
     x = space.drawn(rng)
-    order = "PMMPM"
     scene = space.scene_at(x, order)
     found = variables(scene, space.sensitivities)
-    step = {"rad": 1e-4, "T": 1e-6, "m": 1e-6, "Pa": 10.0}
+    step = {"rad": 1e-4, "T": 1e-6, "m": 1e-6, "Pa": 10.0, "m/s^2": 1e-3}
     pairs = [[tip(v.changed(scene, sign * step[v.unit])) for sign in (1, -1)] for v in found]
     columns = np.stack(
         [
@@ -84,6 +88,101 @@ def test_the_chain_rule_is_the_derivative_of_the_scenes(
             np.testing.assert_allclose(
                 chained[:, j], difference, atol=1e-5 * largest, err_msg=f"{block}"
             )
+
+
+NUMBERS = """\
+  numbers:
+    - {of: "effects.gravity.acceleration[1]", min: -5 m/s^2, max: 5 m/s^2}
+    - {of: [materials.magnetic.shear_modulus, materials.plain.shear_modulus], min: 60 kPa, max: 300 kPa}
+    - {of: "field.uniform[2]", min: 0 mT, max: 10 mT}
+"""
+WEIGHTY = MIXED.replace(
+    "kPa, bulk_to_shear: 20}", "kPa, bulk_to_shear: 20, density: 1100 kg/m^3}"
+).replace("magnetic_torque: {}", "magnetic_torque: {}, gravity: {}")
+
+
+def test_the_chain_rule_of_numbers_by_address(tmp_path: Path) -> None:
+    """Weight, two moduli that share a value, and a component of the field; with directions."""
+    text = STUDY.replace("  magnetization: {}\n", "  magnetization: {}\n" + NUMBERS)
+    space = SearchSpace.of(load_study(write_study(tmp_path, text, WEIGHTY)))
+    assert [number.low for number in space.numbers_within] == pytest.approx([-5.0, 60e3, 0.0])
+    assert_chain(space, None)
+
+
+@pytest.mark.parametrize("sampler", ["random", "tpe"])
+def test_a_number_by_its_address_is_that_of_its_key(sampler: str, tmp_path: Path) -> None:
+    """The same trials, by another name of the parameter."""
+    found = []
+    for name, vary in (
+        ("key", "{remanence: {min: 50 mT, max: 200 mT}}"),
+        ("address", "{numbers: [{of: materials.magnetic.remanence, min: 50 mT, max: 200 mT}]}"),
+    ):
+        text = study_of(vary).replace("random", sampler)
+        study = load_study(write_study(tmp_path / name, text))
+        report = run_study(study, solve=solve, out=tmp_path / name / "out")
+        found.append(report)
+        best = load_scene(tmp_path / name / "out/best/scene.yaml")
+        made = 1e3 * best.materials["magnetic"].remanence
+        assert list(report.best["params"].values()) == pytest.approx([made], rel=1e-12)
+    key, address = found
+    assert address.rms_m == pytest.approx(key.rms_m, rel=1e-12)
+    assert len(set(key.rms_m)) == 8
+    assert list(address.best["params"]) == ["materials.magnetic.remanence (mT)"]
+
+
+def test_derivatives_by_address_are_those_of_its_key(tmp_path: Path) -> None:
+    """The same Gauss-Newton steps of the body itself."""
+    found = []
+    for name, vary in (
+        ("key", "{magnetization: {}, remanence: {min: 50 mT, max: 200 mT}}"),
+        (
+            "address",
+            "{magnetization: {}, numbers: [{of: materials.magnetic.remanence, min: 50 mT, max: 200 mT}]}",
+        ),
+    ):
+        text = study_of(vary).replace("sampler: random\n", "").replace("trials: 8", "trials: 3")
+        scene = SCENE.replace("cells_across: 4", "cells_across: 2")
+        path = write_study(tmp_path / name, text, scene)
+        assert load_study(path).sampler == "gauss-newton"
+        found.append(magmpm.design(path, folder=tmp_path / name / "out", progress=False))
+    key, address = found
+    assert address.rms_m == pytest.approx(key.rms_m, rel=1e-9)
+    assert min(key.rms_m[1:]) < key.rms_m[0]
+
+
+def test_what_has_no_derivative_by_address_goes_by_tpe(tmp_path: Path) -> None:
+    vary = "{numbers: [{of: materials.magnetic.bulk_to_shear, min: 10, max: 30}]}"
+    text = study_of(vary).replace("sampler: random\n", "")
+    assert load_study(write_study(tmp_path, text)).sampler == "gauss-newton"
+    vary = "{numbers: [{of: resolution.particles_per_cell, min: 8.0, max: 27.0}]}"
+    with pytest.raises(InputError, match=r"probe\.yaml"):
+        load_study(write_study(tmp_path, study_of(vary)))
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        ("{of: materials.magnetic.remanense, min: 1 mT, max: 2 mT}", "did you mean"),
+        ("{of: materials.magnetic.remanence, min: 1 mT, max: 2 mT, log: true}", "log"),
+        ("{of: materials.magnetic.remanence, choices: [1 mT, 2 mT]}", "choices"),
+        (
+            "{of: body.catheter.diameter, min: 3 mm, max: 5 mm}",
+            "write `diameter: {min: ..., max: ...}`",
+        ),
+        ("{of: materials.magnetic.remanence, min: 1 mm, max: 2 mm}", "the scene refuses it"),
+    ],
+)
+def test_wrong_numbers_of_shapes_are_refused(number: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"probe\.yaml:\d+: vary\.numbers") as error:
+        load_study(write_study(tmp_path, study_of(f"{{numbers: [{number}]}}")))
+    assert told in str(error.value)
+    assert "remedy" in str(error.value)
+
+
+def test_a_number_is_not_varied_twice(tmp_path: Path) -> None:
+    vary = "{remanence: {min: 50 mT, max: 200 mT}, numbers: [{of: materials.magnetic.remanence, min: 50 mT, max: 90 mT}]}"
+    with pytest.raises(InputError, match="is varied twice"):
+        load_study(write_study(tmp_path, study_of(vary)))
 
 
 @pytest.mark.parametrize("total", ["keep", "free"])

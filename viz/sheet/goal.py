@@ -39,6 +39,7 @@ def goal_page(
         section("Trials that failed", _failed(report)),
         section(
             "Reproduce it",
+            tag("p", f"The study: {report['study_file']}"),
             tag("pre", facts["command"]),
             tag("pre", facts["scene"]) if facts["scene"] else NOTHING,
         ),
@@ -85,8 +86,13 @@ def _alarms(report: Mapping[str, Any]) -> Markup:
 def _params(report: Mapping[str, Any]) -> Markup:
     """Each number of the best design beside the scene's own."""
     begun = report["begun"]
+    tied = report["tied"]
     rows = [
-        (name, _number(begun.get(name)), _number(value))
+        (
+            name + (f" and {tied[name] - 1} tied to it" if name in tied else ""),
+            _number(begun.get(name)),
+            _number(value),
+        )
         for name, value in report["best"]["params"].items()
     ]
     return table(("number", "in the scene", "best"), rows, "numbers")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.errors import InputError, require
+from magmpm.scene.variables import variables
 from magmpm.studies.problem.sampler_names import (
     HEED_NO_CONSTRAINTS,
     ONE_OBJECTIVE,
@@ -84,6 +85,11 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
     if name == "gauss-newton" and not study.scene.static:
         rule = "gauss-newton differentiates equilibria, and the scene is a motion"
         return rule, "sampler: tpe, or leave `dynamic` out of the scene's solver"
+    if name == "gauss-newton" and study.vary.numbers:
+        try:
+            variables(study.scene, SearchSpace.of(study).sensitivities)
+        except InputError as error:
+            return f"gauss-newton needs derivatives: {str(error).splitlines()[0]}", "sampler: tpe"
     if study.margin is not None and name in HEED_NO_CONSTRAINTS:
         rule = f"{name} would learn from designs that `stability` refuses as from others"
         return rule, "sampler: tpe or gauss-newton, or remove `stability`"

@@ -16,7 +16,7 @@ from magmpm.inputs.quantities import divided
 from magmpm.inputs.vectors import angles_of, from_angles
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, places, value_at, written
-from magmpm.studies.goals.goal_file import FreeDirection, VaryAnything, VaryNumber
+from magmpm.studies.problem.variables import FreeDirection, VaryNumber
 from magmpm.studies.search.samplers import gauss_newton_steps as gn
 
 if TYPE_CHECKING:
@@ -238,26 +238,15 @@ class Turning(Knob):
         return found
 
 
-def knobs(vary: VaryAnything, scene: Scene) -> tuple[Knob, ...]:
-    """All that a study turns in a scene. Raises InputError for addresses that are not there, and bounds that the scene refuses."""
-    found: list[Knob] = []
-    if vary.magnetization is not None:
-        regions = scene.regions()
-        names = [regions[k].name for k in scene.magnetized_regions()]
-        only = vary.magnetization.only
-        for name in only or ():
-            if name not in names:
-                raise InputError(
-                    "vary.magnetization.only",
-                    received=repr(name),
-                    rule=f"must be magnetized regions: {', '.join(names) or 'the scene has none'}",
-                    remedy="correct the name",
-                )
-        for k in scene.magnetized_regions():
-            if only is None or regions[k].name in only:
-                place = ("body", *regions[k].at, "magnetization")
-                found.append(Turning(regions[k].name, (place,)))
-    for k, number in enumerate(vary.numbers):
+def knobs(
+    numbers: Sequence[VaryNumber], scene: Scene, turned: Sequence[Knob] = ()
+) -> tuple[Knob, ...]:
+    """All that a study turns in a scene: `turned`, and its numbers.
+
+    Raises InputError for addresses that are not there, that are varied twice, and bounds that the scene refuses.
+    """
+    found = list(turned)
+    for k, number in enumerate(numbers):
         found += _of_number(number, scene, f"vary.numbers[{k}]")
     seen: dict[Place, str] = {}
     for knob in found:
