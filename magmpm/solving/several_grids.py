@@ -218,8 +218,13 @@ class Pair(Runs):
 
     def solve(self, cells: int) -> None:
         """Run both scenes. Raises SolveError that says which of them failed."""
+        for word, scene in zip(("first", "second"), self.scenes, strict=True):
+            try:
+                self.answer(scene, cells)
+            except SolveError as error:
+                where = f"the {word} scene on {cells} cells across"
+                raise type(error)(f"{where}: {error.reason}", error.state) from None
         super().solve(cells)
-        self.answer(self.other, cells)
 
     def frames_on(self, cells: int) -> Frames:
         one, other = (self.answer(scene, cells).frames for scene in self.scenes)
