@@ -1,6 +1,7 @@
 """Laws of the static solve: symmetry, independence of the start, stability, reported failure."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -397,3 +398,41 @@ def test_a_soft_curved_valley_takes_few_steps() -> None:
         Energy(made), from_rod(made, solve_rod(found)), tolerance=1e-11, max_steps=300
     ).steps
     assert steps <= 40  # 23 when this was written
+
+
+def in_the_field(**changes: object) -> Scene:
+    """A short catheter that bends to the side, a tenth of its length."""
+    return rod_scene(length=24e-3, field=[0.0, 0.0, 5e-3], **changes)
+
+
+def test_a_result_says_what_its_solve_began_from(tmp_path: Path) -> None:
+    """Each way leads to the same equilibrium, on one grid; a file keeps the word."""
+    scene = in_the_field()
+    alone = run(scene)
+    ways = {
+        "rod": alone,
+        "neighbor": run(scene, start=alone),
+        "given rod": run(scene, start=solve_rod(scene)),
+        "growing load": run(in_the_field(field_steps=3)),
+        "whole load": run(in_the_field(field_steps=1)),
+    }
+    assert {name: result.start for name, result in ways.items()} == {name: name for name in ways}
+    for result in ways.values():
+        # as equilibria are known
+        np.testing.assert_allclose(result.centreline, alone.centreline, atol=1e-6 * 24e-3)
+    assert Result.load(alone.save(tmp_path)).start == alone.summary()["start"] == "rod"
+
+
+def test_a_chosen_grid_begins_at_a_coarser_one() -> None:
+    """2 cells begin from the rod; what is chosen beyond them, at them."""
+    fine = Scene.from_si({**in_the_field().to_si(), "resolution": {"error": 5e-4}})
+    result = run(fine)
+    assert result.resolution is not None
+    assert result.resolution["cells_across"] > 2
+    assert result.start == "coarser grid"
+
+
+def test_what_moves_its_end_begins_along_the_growing_branch() -> None:
+    data = in_the_field().to_si()
+    moved = Scene.from_si({**data, "move": {"base": {"along": [0, 0, 1], "distance": 1e-3}}})
+    assert run(moved).start == "growing branch"
