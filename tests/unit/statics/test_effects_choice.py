@@ -13,6 +13,7 @@ from magmpm.model import build
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run, simulated
 from magmpm.solving.effects_choice import choose_effects, missed_effects
+from magmpm.solving.solve import RunOptions
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
@@ -60,7 +61,7 @@ def told(scene: Scene) -> list[str]:
     """Effects of which a run warns that they are not named."""
     return [
         one.split()[1]
-        for one in simulated(scene, advise=True).warnings
+        for one in simulated(scene, RunOptions(advise=True)).warnings
         if "may move the answer" in one
     ]
 

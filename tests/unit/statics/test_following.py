@@ -15,6 +15,7 @@ from magmpm.model import build
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
 from magmpm.simulate import simulated
+from magmpm.solving.solve import RunOptions
 from magmpm.statics import axis
 from magmpm.statics.axis import carried
 from magmpm.statics.energy import Energy
@@ -45,7 +46,7 @@ def test_they_are_those_found_alone(change: Callable[[Scene], Scene]) -> None:
     following = Following(lambda rod: last[-1])
     for k, field in enumerate(FIELDS):
         here = (scene if k < 2 else change(scene)).with_field(field)
-        found = simulated(here, start=following)
+        found = simulated(here, RunOptions(start=following))
         alone = run(here)
         last.append(found.grid_correction)
         np.testing.assert_allclose(found.tip, alone.tip, atol=1e-6 * scene.length)
@@ -62,7 +63,7 @@ def test_a_wrong_expectation_does_no_harm() -> None:
         return np.asarray(1e-3 * np.random.default_rng(1).normal(size=shape))
 
     for expected in (nonsense, lambda rod: np.ones((2, 2)), lambda rod: None):
-        found = simulated(scene, start=Following(expected))
+        found = simulated(scene, RunOptions(start=Following(expected)))
         np.testing.assert_allclose(found.tip, alone.tip, atol=1e-6 * scene.length)
 
 
