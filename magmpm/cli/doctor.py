@@ -36,7 +36,7 @@ EXTRAS_FOR = {
     "motion": "saved motions, and progress bars",
     "parts": "STL parts and walls",
     "magnets": "fields of magnets and coils of any shape",
-    "units": "units beyond those of docs/install.md",
+    "units": "units other than m, Pa, T, deg, s ...",
     "render": "pictures and movies",
     "dashboard": "magmpm dashboard",
     "report": "magmpm report as PDF",
