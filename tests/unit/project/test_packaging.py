@@ -5,6 +5,7 @@
 
 import configparser
 import re
+import subprocess
 from pathlib import Path
 
 import yaml
@@ -62,6 +63,24 @@ def test_pinned_versions_are_new_enough() -> None:
     pinned = {name.lower().replace("_", "-"): version for name, version in rows}
     for name, least in least_versions().items():
         assert numbers(pinned[name]) >= numbers(least), name
+
+
+def test_every_file_of_data_is_packed() -> None:
+    """Those that git knows: a pattern that leaves one out shows only when somebody without a clone needs it."""
+    told = configparser.ConfigParser()
+    told.read(ROOT / "setup.cfg", encoding="utf-8")
+    packed = set()
+    for folder, patterns in told["options.data_files"].items():
+        for pattern in patterns.split():
+            files = {path.relative_to(ROOT).as_posix() for path in ROOT.glob(pattern)}
+            assert all(f"share/magmpm/{name}".rpartition("/")[0] == folder for name in files)
+            packed |= files
+    listed = subprocess.run(
+        ["git", "ls-files", "data"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    known = set(listed.stdout.split())
+    assert len(known) > 100
+    assert known - packed == set()
 
 
 def test_workflows_and_forms_are_sound() -> None:
