@@ -18,7 +18,6 @@ from magmpm.inputs.quantities import KINDS, BadQuantity, _factor_in_pint, parse_
 
 ROOT = Path(__file__).resolve().parents[2]
 IMPORTS = {  # where a package's import name is another
-    "boto3": "boto3",
     "grpcio": "grpc",
     "imageio-ffmpeg": "imageio_ffmpeg",
     "optuna-dashboard": "optuna_dashboard",
