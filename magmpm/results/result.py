@@ -284,6 +284,7 @@ class Result:
         target: points (q, 3) m, or rows [s, x, y, z] (q, 4) m, of a curve to compare the axis with; then also from the top and the side.
         Raises RenderError where nothing can be drawn.
         """
+        require("matplotlib", "render", key="render", use="pictures")
         draw = import_module("magmpm.viz.figure_panels").draw_result
         notices.warn(filter(None, [draw(self, Path(path), target)]), "pictures")
         return Path(path)

@@ -433,6 +433,7 @@ class Motion:
         frames: numbers of the moments; unless given the first, the last, and the one between that is most unlike both.
         Raises RenderError where nothing can be drawn.
         """
+        require("matplotlib", "render", key="render", use="pictures")
         draw = import_module("magmpm.viz.figure_panels").draw_motion
         notices.warn(filter(None, [draw(self, Path(path), frames)]), "pictures")
         return Path(path)

@@ -142,6 +142,26 @@ def test_in_python_the_error_is_one_class(monkeypatch: pytest.MonkeyPatch) -> No
     assert issubclass(MissingPackage, magmpm.InputError)
 
 
+def test_a_result_without_the_extra_of_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # type: ignore[arg-type]
+    for kind in (magmpm.Result, magmpm.Motion):
+        with pytest.raises(MissingPackage, match=r"render: pictures need .*\n.*\n.*\[render\]"):
+            kind.render(object.__new__(kind), "picture.png")
+
+
+def test_what_searches_nothing_imports_without_optuna() -> None:
+    """Fits, sweeps, influence, maps and the viewer."""
+    modules = (
+        "cli.tables, cli.view_pages, studies.explore.accuracy, studies.explore.effects_table, "
+        "studies.explore.live, studies.explore.tip_map, studies.fitting, studies.goals.sweep, "
+        "studies.hard_cases, studies.in_python"
+    )
+    code = "import sys\nsys.modules.update(dict.fromkeys(['optuna', 'sqlalchemy', 'h5py', 'matplotlib']))\n"
+    code += "".join(f"import magmpm.{name}\n" for name in modules.split(", "))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_units_without_pint(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of the table are read; of others the message has the table, the unit that was meant, and the extra."""
     monkeypatch.setitem(sys.modules, "pint", None)  # type: ignore[arg-type]

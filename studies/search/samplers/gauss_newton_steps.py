@@ -8,10 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from optuna.distributions import BaseDistribution, FloatDistribution
+
+if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
 
 Array = NDArray[np.float64]
 
@@ -27,6 +30,8 @@ class Direction:
     size = 3
 
     def distributions(self) -> dict[str, BaseDistribution]:
+        from optuna.distributions import FloatDistribution
+
         return {
             self.around: FloatDistribution(-180.0, 180.0),
             self.along: FloatDistribution(-90.0, 90.0),
@@ -86,6 +91,8 @@ class Ball:
         return self.most * self.unit
 
     def distributions(self) -> dict[str, BaseDistribution]:
+        from optuna.distributions import FloatDistribution
+
         angles = {
             self.azimuth: FloatDistribution(-180.0, 180.0),
             self.elevation: FloatDistribution(-90.0, 90.0),
@@ -145,6 +152,8 @@ class Number:
     size = 1
 
     def distributions(self) -> dict[str, BaseDistribution]:
+        from optuna.distributions import FloatDistribution
+
         return {self.name: FloatDistribution(self.low, self.high, log=self.log)}
 
     def read(self, params: Mapping[str, float]) -> Array:
