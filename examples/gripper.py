@@ -16,14 +16,14 @@ MESHES = Path(__file__).parents[1] / "data" / "scenes" / "gallery" / "meshes"
 
 def parts():
     """A hub that is held, the ball, and six arms of two halves each."""
-    hub = magmpm.MeshPart(mesh=str(MESHES / "gripper_hub.stl"), material="plain", clamp=True)
-    found = [hub, magmpm.MeshPart(mesh=str(MESHES / "gripper_ball.stl"), material="plain")]
+    hub = magmpm.MeshPart(mesh=MESHES / "gripper_hub.stl", material="plain", clamp=True)
+    found = [hub, magmpm.MeshPart(mesh=MESHES / "gripper_ball.stl", material="plain")]
     for number in range(1, 7):
         angle = np.radians(60 * (number - 1))
         outward = np.array([np.cos(angle), np.sin(angle), 0.0])
-        inner = {"magnetization": outward, "mesh": str(MESHES / f"gripper_inner_{number}.stl")}
+        inner = {"magnetization": outward, "mesh": MESHES / f"gripper_inner_{number}.stl"}
         raised = outward / 2 + np.array([0.0, 0.0, np.sqrt(0.75)])
-        outer = {"magnetization": raised, "mesh": str(MESHES / f"gripper_outer_{number}.stl")}
+        outer = {"magnetization": raised, "mesh": MESHES / f"gripper_outer_{number}.stl"}
         found += [magmpm.MeshPart(material="magnetic", **half) for half in (inner, outer)]
     return found
 

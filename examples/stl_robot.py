@@ -26,7 +26,7 @@ def main(folder=None, field="2 mT"):
         "right_tip": down,
     }
     meshes = [
-        MeshPart(name=name, mesh=str(MESHES / f"tweezers_{name}.stl"), **settings)
+        MeshPart(name=name, mesh=MESHES / f"tweezers_{name}.stl", **settings)
         for name, settings in parts.items()
     ]
     scene = Scene(
