@@ -154,7 +154,7 @@ def test_insertion(example: Example, tmp_path: Path) -> None:
 def test_swing(example: Example, tmp_path: Path) -> None:
     """The tip swings at the frequency of Euler and Bernoulli's cantilever, and the energy that is lost is what damping takes."""
     swing = example("swing")
-    times, height, energies = swing.main(tmp_path, duration=0.4)
+    times, height, energies = swing.main(tmp_path, duration=0.25)
 
     def ringing(t: np.ndarray, rest: float, rate: float, frequency: float) -> np.ndarray:
         pace = 2 * np.pi * frequency
@@ -218,8 +218,8 @@ def test_gripper(example: Example, tmp_path: Path) -> None:
 def test_swimmer(example: Example, tmp_path: Path) -> None:
     """A field that turns the other way sends it as far to the other side: x -> -x maps one scene to the other."""
     swimmer = example("swimmer")
-    _, way = swimmer.main(tmp_path / "one", duration=0.08)
-    _, back = swimmer.main(tmp_path / "other", frequency="-25 Hz", duration=0.08)
+    _, way = swimmer.main(tmp_path / "one", duration=0.05)
+    _, back = swimmer.main(tmp_path / "other", frequency="-25 Hz", duration=0.05)
     assert abs(way[-1]) > 0.1e-3
     np.testing.assert_allclose(back, -way, atol=1e-3 * abs(way[-1]))
 
