@@ -110,7 +110,7 @@ def _one(holding: set[str]) -> None:
                 f"{' and '.join(sorted(holding))} hold the body at the same face or within a cell"
                 " of each other"
             ),
-            rule="what is moved holds its cells alone",
+            rule="a moved part must be the only one that holds its cells",
             remedy="give these parts one name, so that they move together, or use smaller cells",
         )
 
@@ -349,8 +349,8 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
         raise SceneError(
             f"resolution.{'error' if resolution.error is not None else 'seconds'}",
             rule=(
-                "here the cells must be given: they are chosen for an error or a time by `magmpm"
-                " run` (statics.resolution) alone"
+                "cells_across must be given here: only `magmpm run` and magmpm.run choose the "
+                "cells for an error or a time"
             ),
             remedy="write, say, `resolution: {cells_across: 4}`",
         )
@@ -358,11 +358,8 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
         raise SceneError(
             "effects",
             received="auto",
-            rule=(
-                "here the effects must be named: they are chosen by `magmpm run` and magmpm.run"
-                " (solving.effects_choice) alone"
-            ),
-            remedy="name those that `magmpm run` tells it has chosen",
+            rule=("effects must be named here: only `magmpm run` and magmpm.run choose them"),
+            remedy="name those that `magmpm run` reports as chosen",
         )
     made = made or shape.discretize(
         resolution.cells_across, resolution.particles_per_cell, knots_of(scene)

@@ -49,7 +49,7 @@ class MotionRenderer:
     def __init__(self, motion: Any) -> None:
         """Raises RenderError for a motion without frames."""
         if len(motion) == 0:
-            raise RenderError("this motion has no frames yet: there is nothing to show")
+            raise RenderError("this motion has no frames yet")
         self.motion = motion
         self._scene = scene_of(motion.scene)
         self.body = DrawnBody(

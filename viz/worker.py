@@ -41,8 +41,8 @@ NO_OPENGL = (
     "for PyVista's: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
 )
 DOES_NOT_START = (
-    "PyVista does not start here ({reason}), so matplotlib draws the pictures; "
-    "OpenGL without a display needs: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
+    "PyVista does not start here ({reason}), so matplotlib draws the pictures; to draw without "
+    "a display: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
 )
 NO_PYVISTA = (
     "PyVista is not installed, so matplotlib draws the pictures; for PyVista's:"

@@ -87,7 +87,7 @@ class MeshPart(Settings):
     name: str = Field(
         default="",
         max_length=100,
-        description="What messages call it; the file's name unless given.",
+        description="Name used in messages and results; the file's name unless given.",
         examples=["base"],
     )
     material: str = Field(description="A name from `materials`.", examples=["silicone"])
@@ -145,9 +145,9 @@ class Parts(BodyShape):
     tip: Tip | None = Field(
         default=None,
         description=(
-            "What results call the tip: a part by its name, meant is its center, or a point of a"
-            " part that moves, in the undeformed body, such as the middle of an end face. Unless"
-            " given, parts have no tip."
+            "The tip in results: the name of a part (its center), or a point of a moving part in "
+            "the undeformed body, such as the middle of an end face. Unless given, parts have no "
+            "tip."
         ),
         examples=["arm", ["18 mm", "0 mm", "0 mm"]],
     )
@@ -170,7 +170,7 @@ class Parts(BodyShape):
                     f"parts must not overlap: {meshes[j].name or f'part {j + 1}'} shares"
                     f" {shared:.3g} {unit or ''}^3 with {meshes[i].name or f'part {i + 1}'},"
                     f" {100 * shared / smaller:.3g} % of the smaller",
-                    "move or trim one of them; faces may touch, and then hold together",
+                    "move or trim one of them; faces may touch, and are then joined",
                     (j, "mesh"),
                 )
         return meshes
@@ -179,8 +179,8 @@ class Parts(BodyShape):
     def _some_move_and_none_is_too_thin(self) -> Parts:
         if all(part.clamp for part in self.meshes):
             raise fault(
-                "one part at least must be free to move",
-                "leave out `clamp: true` of those that are",
+                "at least one part must be free to move",
+                "remove `clamp: true` from the parts that should move",
                 ("meshes",),
             )
         if self.spacing is not None:
@@ -285,9 +285,10 @@ class Parts(BodyShape):
                 1 - 1e-6
             ):
                 return (
-                    f"is its file in {unit}? Then it is {length(times * self.part_length(index))}"
-                    f" long: export it in {self.unit}, as `unit` says, or write `unit: {unit}` if"
-                    f" all parts are; if it is so small, {otherwise}"
+                    f"is its file in {unit}? It would then be "
+                    f"{length(times * self.part_length(index))} long: export it in {self.unit}, "
+                    f"as `unit` says, or write `unit: {unit}` if all parts are; if it really is "
+                    f"this small, {otherwise}"
                 )
         return otherwise
 

@@ -219,9 +219,9 @@ class Catheter(StraightBody):
         if wall >= 1:
             return []
         return [
-            f"{THIN_WALL} is only {wall:.2f} cells thick; use cells_across:"
-            f" {int(np.ceil(cells_across / wall - 1e-9))} or more, or ask for an error:"
-            " `resolution: {error: 1 %}`"
+            f"{THIN_WALL} is only {wall:.2f} cells thick; use cells_across: "
+            f"{int(np.ceil(cells_across / wall - 1e-9))} or more, or request an error: "
+            "`resolution: {error: 1 %}`"
         ]
 
 

@@ -156,8 +156,8 @@ def grid_of_parts(
                 f"the box around all parts, {extent} mm, has {np.prod(count.astype(float)):.3g}"
                 f" cells of {1e3 * spacing:.3g} mm"
             ),
-            rule=f"at most {MOST_CELLS:.0e} cells can be had",
-            remedy="check units and places of the parts, or raise spacing",
+            rule=f"at most {MOST_CELLS:.0e} cells are allowed",
+            remedy="check the units and positions of the parts, or increase spacing",
         )
     grid = Grid(low - below * size, size, (int(count[0]), int(count[1]), int(count[2])))
     return grid, _clamp_planes(parts, boxes, still, grid, below, below + cells)

@@ -161,13 +161,14 @@ def doubled(vertices: Array, faces: Index) -> tuple[str, str] | None:
         return None
     return (
         (
-            f"each triangle of a mesh must stand once, and {len(again)} of this one"
-            f" stand{'s' * (len(again) == 1)} again, the first near"
-            f" {place(vertices[faces[again[0]]].mean(axis=0))}: what they enclose would count twice"
+            f"each triangle of a mesh must appear once, and {len(again)} of this one "
+            f"appear{'s' * (len(again) == 1)} again, the first near "
+            f"{place(vertices[faces[again[0]]].mean(axis=0))}: the volume they enclose would "
+            "count twice"
         ),
         (
-            "remove the doubled solid, or the doubled triangles (in MeshLab: Remove Duplicate"
-            " Faces), and export the part again"
+            "remove the duplicate solid, or the duplicate triangles (in MeshLab: Remove "
+            "Duplicate Faces), and export the part again"
         ),
     )
 
@@ -208,8 +209,8 @@ def shell_fault(vertices: Array, faces: Index, size: float) -> tuple[str, str] |
                 f" {place(vertices[overlaps[0]])}"
             ),
             (
-                "unite what overlaps (in Blender: the Boolean modifier, Union), or remove what"
-                " stands twice, and export the part again"
+                "merge overlapping solids (in Blender: the Boolean modifier, Union), or remove "
+                "duplicates, and export the part again"
             ),
         )
     return _misplaced([shell for shell in shells if abs(shell.volume()) > 1e-9 * size])
@@ -277,7 +278,7 @@ def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
     ]
     remedies = ["flip the normals of what is inverted"] if inverted else []
     remedies += (
-        ["unite what overlaps (in Blender: the Boolean modifier, Union)"]
+        ["merge overlapping solids (in Blender: the Boolean modifier, Union)"]
         if crossed or nested
         else []
     )

@@ -229,10 +229,10 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
     twice = _covered_twice(solid_of(vertices, faces), mesh)
     if twice > CROSSED * float(np.ptp(vertices, axis=0).max()):
         raise MeshError(
-            "the surface of a mesh must not cross itself, and inside this one a line of"
-            f" {twice:.3g} counts twice, or less than not at all",
-            "unite what overlaps (in Blender: the Boolean modifier, Union, with Self Intersection),"
-            " and export the part again",
+            f"the surface of a mesh must not cross itself: along a line of {twice:.3g} inside "
+            "this one, material counts twice or negatively",
+            "merge overlapping solids (in Blender: the Boolean modifier, Union, with Self "
+            "Intersection), and export the part again",
         )
     return mesh
 

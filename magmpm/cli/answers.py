@@ -31,7 +31,9 @@ def folder_of_results(options: argparse.Namespace, name: str) -> Iterator[Path]:
     folder = options.out or results_folder(name)
     with folder_lock(folder):
         if is_study(folder):
-            rule = "a study has a folder of its own: a run's result would mix with its designs"
+            rule = (
+                "a study's folder holds only that study: a run's result would mix with its designs"
+            )
             raise InputError(f"{folder}: holds a study", rule=rule, remedy="use another --out")
         yield folder
 

@@ -30,7 +30,7 @@ def _url(saved: str, option: str | None) -> str:
 
     url = known_url(saved, option, os.environ)
     if url is None:
-        rule = "the password is kept nowhere"
+        rule = "the password is not stored"
         remedy = f"put the whole URL into the environment variable {VARIABLE}"
         raise InputError(f"storage {saved}", rule=rule, remedy=remedy)
     return url
@@ -89,7 +89,8 @@ def command(options: argparse.Namespace) -> int:
     except OSError as error:
         rule = f"the port must be free on this machine, and allowed to this user ({error.strerror})"
         remedy = (
-            f"end what uses it, or name another, say, --port {port + 1 if port < 65535 else 8080}"
+            "stop the program that uses it, or choose another, such as --port "
+            f"{port + 1 if port < 65535 else 8080}"
         )
         raise InputError("--port", received=str(port), rule=rule, remedy=remedy) from None
     with server:

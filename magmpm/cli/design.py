@@ -247,7 +247,8 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     lines += [f"  held back        {one['says']}" for one in report.limits]
     if report.seconds_per_trial is not None:
         lines.append(
-            f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)"
+            f"  seconds per trial  {report.seconds_per_trial:.2f} (median, with storage and "
+            "picture)"
         )
     lines.append(
         f"  trials in        {report.storage}; browse them with: magmpm dashboard"
@@ -298,7 +299,7 @@ def saved_report(folder: Path) -> dict[str, Any]:
         raise InputError(
             f"{folder / REPORT}: can't be read as a study's report ({error})",
             rule="must be as `magmpm design` wrote it",
-            remedy="run `magmpm design` again: it writes it anew, and its trials are not in it",
+            remedy="run `magmpm design` again: it rewrites the report, and no trial is lost",
         ) from None
     return report
 
@@ -341,7 +342,7 @@ def draw_study(
         known = read_design(of)
         if "number" not in known or "rms_m" not in known:
             rule = "must be as `magmpm design` wrote it"
-            remedy = "run `magmpm design` again: it makes the design anew"
+            remedy = "run `magmpm design` again: it solves the design again"
             raise InputError(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy)
         result = Result.load(of)
         shown = (

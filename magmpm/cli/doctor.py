@@ -75,7 +75,7 @@ def command(options: argparse.Namespace) -> int:
     last = (
         f"{len(checks)} checks: {failed} failed, {warned} warnings"
         if failed or warned
-        else f"{len(checks)} checks: all is well"
+        else f"{len(checks)} checks: no problems"
     )
     print_summary(
         options,
@@ -114,7 +114,7 @@ def _python() -> Check:
         f"{platform.python_version()} at {sys.executable}, {platform.system()} {platform.machine()}"
     )
     if sys.prefix == sys.base_prefix:
-        remedy = f"{sys.executable} -m venv .venv keeps the libraries of others apart"
+        remedy = f"{sys.executable} -m venv .venv keeps the libraries of other projects separate"
         return Check("Python", OK, f"{found}, no virtual environment", remedy)
     return Check("Python", OK, found)
 
@@ -241,7 +241,7 @@ def _extras() -> Iterator[Check]:
     there = ", ".join(extra for extra in extras if extra not in absent)
     lacking = ", ".join(f"{extra} ({EXTRAS_FOR[extra]})" for extra in absent)
     found = f"there: {there or 'none'}" + (
-        f"; not there: {lacking}; to add one: {_install('[NAME]')}" if absent else ""
+        f"; not installed: {lacking}; to add one: {_install('[NAME]')}" if absent else ""
     )
     yield Check("optional parts", OK, found)
 
@@ -289,21 +289,21 @@ def _threads() -> Iterator[Check]:
             "threads",
             WARN,
             found,
-            "more threads than processors are slower: unset NUMBA_NUM_THREADS",
+            "more threads than processors slow runs down: unset NUMBA_NUM_THREADS",
         )
     elif allowed is not None and allowed < cores and not requested:
         yield Check(
             "threads",
             WARN,
             found,
-            f"set NUMBA_NUM_THREADS={max(1, int(allowed))}: threads beyond the limit are slower"
-            " than none",
+            f"set NUMBA_NUM_THREADS={max(1, int(allowed))}: threads beyond the limit slow runs "
+            "down",
         )
     else:
         yield Check("threads", OK, found)
     if hasattr(os, "getloadavg") and os.getloadavg()[0] > 1.5 * cores:
         busy = f"{os.getloadavg()[0]:.1f} processes want {cores} processors"
-        yield Check("load", OK, busy, "runs are slower than their figures while others compute")
+        yield Check("load", OK, busy, "runs take longer while other programs compute")
 
 
 def _allowed_by_cgroup() -> float | None:
@@ -323,11 +323,14 @@ def _room() -> Iterator[Check]:
         with tempfile.NamedTemporaryFile(dir=folder):
             pass
     except OSError as error:
-        remedy = "see to its permissions, or set NUMBA_CACHE_DIR to a folder that takes files"
+        remedy = "fix its permissions, or set NUMBA_CACHE_DIR to a writable folder"
         yield Check(
             "cache of kernels",
             FAIL,
-            f"{folder} takes no files ({error.strerror}): every run would compile its own",
+            (
+                f"{folder} is not writable ({error.strerror}): every run would compile its "
+                "kernels again"
+            ),
             remedy,
         )
     else:
@@ -339,12 +342,15 @@ def _room() -> Iterator[Check]:
             yield Check(
                 "cache of kernels",
                 OK,
-                f"{found}: the first run compiles them, and says how long that takes",
+                f"{found}: the first run compiles them, and reports how long that took",
                 "magmpm prepare",
             )
         elif size > 2_000_000_000:
             yield Check(
-                "cache of kernels", OK, found, f"remove {folder}; what is needed is compiled again"
+                "cache of kernels",
+                OK,
+                found,
+                (f"remove {folder}; kernels are compiled again when needed"),
             )
         else:
             yield Check("cache of kernels", OK, found)
@@ -355,14 +361,14 @@ def _room() -> Iterator[Check]:
             "folder of results",
             WARN,
             f"{Path.cwd()} can't be written",
-            "go to another folder, or give --out",
+            "work in another folder, or give --out",
         )
     elif free < 1_000_000_000:
         yield Check(
             "folder of results",
             WARN,
             written,
-            "motions take some 100 MB: free room, or give --out on another disk",
+            "motions take about 100 MB: free disk space, or give --out on another disk",
         )
     else:
         yield Check("folder of results", OK, written)
@@ -391,7 +397,7 @@ def _opengl() -> Check:
     if backend == "pyvista":
         return Check("OpenGL", OK, "PyVista draws")
     if not note:
-        return Check("OpenGL", OK, f"{backend} draws, as MAGMPM_RENDER asks")
+        return Check("OpenGL", OK, f"{backend} draws, as MAGMPM_RENDER says")
     says, _, remedy = note.partition(": ")
     return Check(
         "OpenGL",
@@ -413,7 +419,10 @@ def _self_test() -> Iterator[Check]:
         remedy = (
             ""
             if row["passed"]
-            else "report it, with the output of magmpm doctor --json; trust no result until then"
+            else (
+                "report it, with the output of magmpm doctor --json; do not trust results "
+                "on this machine until it is resolved"
+            )
         )
         yield Check(f"self-test: {row['name']}", OK if row["passed"] else FAIL, found, remedy)
     if failure or not rows:

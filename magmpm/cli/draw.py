@@ -148,8 +148,8 @@ def _numbers(text: str | None, count: int) -> Sequence[int]:
         return [range(count)[k] for k in numbers]
     except ValueError:
         raise InputError(
-            f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such"
-            " as 0,10,20"
+            f"--frames: received {text!r}; must be `all` or whole numbers separated by commas, "
+            "such as 0,10,20"
         ) from None
     except IndexError:
         raise InputError(

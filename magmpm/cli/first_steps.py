@@ -30,8 +30,8 @@ def examples(options: argparse.Namespace) -> int:
     )
     if target.exists() and target.resolve() == source.resolve():
         raise InputError(
-            f"{target}: holds the examples themselves",
-            rule="they are copied to another folder",
+            f"{target}: this is where the installed examples are",
+            rule="examples are copied to another folder",
             remedy="name another",
         )
     changed = [
@@ -41,11 +41,12 @@ def examples(options: argparse.Namespace) -> int:
     ]
     if changed and not options.overwrite:
         rule = "files that were changed are kept"
-        remedy = (
-            "name another folder, or give --overwrite, which puts the examples back as they were"
-        )
+        remedy = "name another folder, or give --overwrite, which restores the original examples"
         raise InputError(
-            f"{target}: {len(changed)} of the files there are others, say, {changed[0]}",
+            (
+                f"{target}: {len(changed)} of the files there differ from the examples, such as "
+                f"{changed[0]}"
+            ),
             rule=rule,
             remedy=remedy,
         )
@@ -78,8 +79,8 @@ def examples_folder() -> Path:
                 .parents[str(name).replace("\\", "/").removeprefix(before + INSTALLED).count("/")]
             )
     raise MagmpmError(
-        "the examples are not installed; install magmpm anew: pip install --force-reinstall"
-        " magmpm-*.whl"
+        "the examples are not installed; reinstall magmpm: pip install --force-reinstall "
+        "magmpm-*.whl"
     )
 
 

@@ -29,8 +29,8 @@ def design_for_goal(options: argparse.Namespace) -> int:
         raise InputError(
             "--sampler, --trial, --artifacts",
             received="a study with a goal",
-            rule="its sampler stands in the file, and its trials keep numbers alone",
-            remedy="leave the option out",
+            rule="the study file names the sampler, and trials store numbers only",
+            remedy="omit the option",
         )
     out = options.out or Path("runs") / study.name
     with Progress(study.name) as progress:
@@ -47,7 +47,8 @@ def design_for_goal(options: argparse.Namespace) -> int:
         files = draw_goal(out, out)
     said = [text(report), *(f"  saved            {path}" for path in files)]
     said.append(
-        f"  more             magmpm report {shlex.quote(str(out))}, or magmpm dashboard of it"
+        f"  more             magmpm report {shlex.quote(str(out))}, or magmpm dashboard of "
+        "the same folder"
     )
     summary = {**report.summary(), "files": files}
     print(json.dumps(summary) if options.json else "\n".join(said))
@@ -69,7 +70,7 @@ def saved_goal(folder: Path) -> dict[str, Any] | None:
         raise InputError(
             f"{path}: can't be read as a search's report ({error})",
             rule="must be as `magmpm design` wrote it",
-            remedy="run `magmpm design` again: it goes on, and writes it anew",
+            remedy="run `magmpm design` again: it resumes, and rewrites the report",
         ) from None
 
 

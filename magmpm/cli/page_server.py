@@ -66,7 +66,7 @@ class PageServer(GuardedServer):
                 "the address must be this machine's, and the port free and allowed to this user"
                 f" ({failure})"
             )
-            remedy = "end what uses it, or name another, say, --port 0 for any that is free"
+            remedy = "stop the program that uses it, or choose another; --port 0 takes any free one"
             raise InputError(
                 "--port", received=f"{port or FIRST_PORT} on {host}", rule=rule, remedy=remedy
             )

@@ -25,10 +25,9 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(
             str(out),
             received="a folder that holds other results",
-            rule="pictures lie beside the results they show, or in a folder without any",
+            rule="pictures go beside the results they show, or into a folder without results",
             remedy=(
-                "give another --out, or leave it out: pictures then go into the folder that is"
-                " drawn"
+                "give another --out, or omit it: pictures then go into the folder that is drawn"
             ),
         )
     if not is_study(folder) and not any((folder / name).exists() for name in (MOTION, NUMBERS)):

@@ -37,12 +37,12 @@ def command(options: argparse.Namespace) -> int:
         drawn = f"for a run, `magmpm render {folder}` draws it"
         remedy = drawn if holds_run(folder) else "give the folder of a study, such as runs/s_shape"
         raise InputError(
-            f"{folder}: holds no study", rule="a report is that of a study", remedy=remedy
+            f"{folder}: holds no study", rule="a report is written for a study", remedy=remedy
         )
     if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
-        rule = "a report lies beside the study it tells of, or in a folder without results"
+        rule = "a report goes beside its study, or into a folder without results"
         raise InputError(
-            f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out"
+            f"{out}: holds other results", rule=rule, remedy="give another --out, or omit it"
         )
     from magmpm.studies.engine.storage_url import known_url
 

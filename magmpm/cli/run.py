@@ -43,8 +43,8 @@ def command(options: argparse.Namespace) -> int:
         forced_backend()  # before the run, whose pictures it would fail to draw
     if options.style == PARTICLES and scene.in_time:
         raise InputError(
-            f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its surface;"
-            " leave --style out, and look at the particles in ParaView"
+            f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its "
+            "surface; omit --style; ParaView shows the particles"
         )
     with folder_of_results(options, scene.name) as folder:
         kept = RunFolder(folder, scene, options.scene)
@@ -104,7 +104,7 @@ def _end(kept: RunFolder, error: SolveError, options: argparse.Namespace) -> NoR
     saved = kept.save_failed(error.state)
     _warn(error.state)
     _tell_failure(error, saved, options)
-    words = f"; the results in {folder} are as they were" if saved != folder else ""
+    words = f"; the earlier results in {folder} are unchanged" if saved != folder else ""
     raise type(error)(
         f"{error.reason}; the last good state is in {saved}{words}", error.state
     ) from None
@@ -114,8 +114,8 @@ def _tell_waiting(folder: Path) -> None:
     """Mention earlier results that are saved while a motion waits to be resumed."""
     if (folder / EARLIER).is_dir():
         print(
-            f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and"
-            " finished",
+            f"magmpm: earlier results are kept in {folder / EARLIER}, until this motion is "
+            "resumed and finished",
             file=sys.stderr,
         )
 
@@ -174,12 +174,10 @@ def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -
 def _say_afresh(folder: Path, moving: bool, timed: bool) -> None:
     """--resume, but there is nothing to continue."""
     if moving and timed:
-        print(
-            "magmpm: --resume: a run with resolution.seconds begins at the start", file=sys.stderr
-        )
+        print("magmpm: --resume: a run with resolution.seconds starts over", file=sys.stderr)
     elif moving:
         print(
-            f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start",
+            f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion starts over",
             file=sys.stderr,
         )
     else:
@@ -238,8 +236,9 @@ def _resolution(result: Result) -> list[str]:
     share = 100 * result.resolution["error_of_length"]
     tried = ", ".join(str(one["cells_across"]) for one in result.resolution["tried"])
     return [
-        f"  error           at most {quantity(result.error_estimate, 'm')}, {significant(share)} %"
-        f" of the length: {result.resolution['cells_across']} cells across, told from {tried}"
+        f"  error           at most {quantity(result.error_estimate, 'm')}, {significant(share)} "
+        f"% of the length: {result.resolution['cells_across']} cells across, checked against "
+        f"{tried}"
     ]
 
 
@@ -270,9 +269,9 @@ def _done(result: Result) -> str:
     )
     rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
     return (
-        f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of"
-        f" {quantity(result.time_step, 's')}\n  stable steps    {bounds}\n  rate           "
-        f" {significant(rate)} million particle-steps a second, frames and looks included\n  energy"
-        f"          kinetic {quantity(result.kinetic_energy, 'J')}, potential"
-        f" {quantity(result.energy, 'J')}"
+        f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of "
+        f"{quantity(result.time_step, 's')}\n  stable steps    {bounds}\n  rate            "
+        f"{significant(rate)} million particle-steps per second, output included\n  energy        "
+        f"  kinetic {quantity(result.kinetic_energy, 'J')}, potential "
+        f"{quantity(result.energy, 'J')}"
     )

@@ -64,7 +64,7 @@ def main() -> int:
             "equilibrium",
             _away(rest.tip, EQUILIBRIUM),
             1e-6,
-            "at most 1e-6 from what is stored: where the solve ends",
+            "within 1e-6 of the stored value: the tolerance of the solve",
             rest,
         ),
         _stability(float(rest.stability or 0.0)),
@@ -72,14 +72,14 @@ def main() -> int:
             "finite elements",
             _away(place, KNOWN),
             1e-3,
-            "at most 1e-3 from finite elements: the error of 4 cells across",
+            "within 1e-3 of finite elements: the error of 4 cells across",
             fine,
         ),
         _row(
             "motion of 5 ms",
             _away(moved.tip, MOTION),
             1e-5,
-            "at most 1e-5 from what is stored: hundreds of steps add up their rounding",
+            "within 1e-5 of the stored value: rounding over hundreds of steps",
             moved,
         ),
     ]
@@ -122,8 +122,8 @@ def _stability(found: float) -> dict[str, Any]:
     return {
         "name": "eigenvalue",
         "passed": away <= 1e-3,
-        "found": f"{found:.6f}, {away:.1e} from what is stored",
-        "rule": "at most 1e-3: its iteration stops there",
+        "found": f"{found:.6f}, {away:.1e} from the stored value",
+        "rule": "within 1e-3: the tolerance of its iteration",
         "away_m": 0.0,
     }
 

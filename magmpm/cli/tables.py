@@ -56,7 +56,7 @@ def _cells(text: str | None) -> list[int]:
         return [int(part) for part in text.split(",")] if text else []
     except ValueError:
         raise InputError(
-            f"--cells: got {text!r}; must be whole numbers with commas between, such as 2,3,4,6"
+            f"--cells: got {text!r}; must be whole numbers separated by commas, such as 2,3,4,6"
         ) from None
 
 
@@ -85,9 +85,7 @@ def tip_map(options: argparse.Namespace) -> int:
         else on_rays(options.fields, largest, options.strengths)
     )
     if options.plane and options.strengths is not None:
-        raise InputError(
-            "--strengths: belongs to directions over the sphere; leave it out with --plane"
-        )
+        raise InputError("--strengths: applies to directions over the sphere; omit it with --plane")
     with folder_of_results(options, scene.name) as folder:
         with Progress(f"map of {scene.name}") as progress, of_file(options.scene):
             found = map_tips(ready(scene, options.cells), fields, progress.at)

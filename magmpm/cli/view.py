@@ -34,7 +34,7 @@ def command(options: argparse.Namespace) -> int:
     refuse_unwritable(folder)
     if scene.in_time:
         if options.cells is not None:
-            remedy = "leave it out, or change the scene's resolution"
+            remedy = "omit it, or change the scene's resolution"
             raise InputError(
                 f"--cells: received one for a motion, which is shown as it is run; {remedy}"
             )
@@ -72,8 +72,8 @@ def _requested(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, An
         return scene, path, target, name
     if scene.in_time:
         raise InputError(
-            "--target: received one for a motion; a target is compared with a shape at rest: leave"
-            " it out"
+            "--target: received one for a motion; a target is compared with a shape at rest: "
+            "omit it"
         )
     return scene, path, *_target(Path(options.target), scene)
 
@@ -91,8 +91,8 @@ def _target(path: Path, scene: Scene) -> tuple[Any, str]:
     )
     if scene.body.shape.line is None:
         raise InputError(
-            f"--target: received {path}; a body made of parts has no axis to compare with it: leave"
-            " it out"
+            f"--target: received {path}; a body made of parts has no axis to compare with it: "
+            "omit it"
         )
     check_shape(rows, scene.length, f"--target: {path}")
     return rows, path.stem.replace("_", " ")

@@ -115,7 +115,8 @@ class ShapeView:
             )
         if read_back.hash() != shown.hash():
             raise InputError(
-                f"{self.folder / name}: what was written is not what is shown; please report this"
+                f"{self.folder / name}: the saved file differs from the scene shown; please "
+                "report this"
             )
         return {
             "path": str(self.folder / name),
@@ -156,7 +157,7 @@ def _numbers(result: Result, rms: float | None) -> list[dict[str, Any]]:
         rows.append(
             (
                 "stability",
-                f"{result.stability:.3g}" + (" (about to lose its hold)" if soft else ""),
+                f"{result.stability:.3g}" + (" (close to losing stability)" if soft else ""),
                 soft,
             )
         )

@@ -177,18 +177,18 @@ def _unsealed(path: Path) -> Any:
         return None
     data = content[_DIGEST:]
     if hashlib.sha256(data).digest() != content[:_DIGEST]:
-        _tell(f"{path}: damaged", "is compiled anew")
+        _tell(f"{path}: damaged", "is compiled again")
         return None
     return pickle.loads(data)
 
 
 def _tell(what: str, then: str) -> None:
     """Print once what is wrong with the cache, and what happens to a compiled function."""
-    line = f"magmpm: compiled kernels on disk: {what}; what belongs there {then}"
+    line = f"magmpm: compiled kernels on disk: {what}; the kernel {then}"
     if then == "is not kept":
         line += (
-            ", so that every run waits up to a minute for it; free room, or set NUMBA_CACHE_DIR to"
-            " another folder"
+            ", so every run waits up to a minute for it; free disk space, or set NUMBA_CACHE_DIR "
+            "to another folder"
         )
         if not kept_all():
             return

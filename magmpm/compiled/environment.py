@@ -102,8 +102,8 @@ def _cache_folder() -> Path:
             )
         except OSError as other:  # magmpm.compiled.cache works without a folder
             print(
-                f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles"
-                " its own",
+                f"magmpm: no folder for compiled kernels is writable ({error}; {other}): every "
+                "run compiles them again",
                 file=sys.stderr,
             )
         return folder

@@ -84,16 +84,16 @@ class Checkpoint:
         if self.scene_hash != motion_hash(scene) or (
             options is not None and (options.output_every or self.every) != self.every
         ):
-            but = "its budget (max_disk) alone may be another"
+            but = "only its budget (max_disk) may differ"
             if options is not None:
                 but = (
-                    "its duration alone may be longer, and its budgets (max_disk, max_memory)"
-                    " others"
+                    "only its duration may be longer, and its budgets (max_disk, max_memory) may "
+                    "differ"
                 )
             raise InputError(
                 str(path),
                 received="the checkpoint of another scene (or the file was changed since)",
-                rule=f"only the scene that it was written by can be resumed from it; {but}",
+                rule=f"a checkpoint resumes only the scene that wrote it; {but}",
                 remedy="run without --resume, or into another folder with --out",
             )
         if options is None:  # equilibria along time
@@ -102,8 +102,8 @@ class Checkpoint:
             raise InputError(
                 f"{path}: solver.dynamic.duration",
                 received=f"{options.duration:.6g} s",
-                rule=f"must be no shorter than what the motion has done, {self.time:.6g} s",
-                remedy="give a longer one, or run without --resume: from the start",
+                rule=f"must be at least the time already simulated, {self.time:.6g} s",
+                remedy="give a longer one, or run without --resume to start over",
             )
         if (
             self.frame
@@ -113,10 +113,10 @@ class Checkpoint:
                 f"{path}: solver.dynamic.duration",
                 received=f"{options.duration:.6g} s, of a motion that ended at {self.time:.6g} s",
                 rule=(
-                    f"a motion is lengthened from one of its frames, every {self.every:.6g} s, and"
-                    " it ended between two"
+                    f"a motion is extended from one of its frames, every {self.every:.6g} s, and "
+                    "it ended between two of them"
                 ),
-                remedy="run without --resume: from the start",
+                remedy="run without --resume to start over",
             )
 
     def times(self, options: Dynamic) -> list[float]:
@@ -141,5 +141,5 @@ def _useless(path: Path, received: str) -> InputError:
         str(path),
         received=received,
         rule=rule,
-        remedy="remove it, or run without --resume: from the start",
+        remedy="remove it, or run without --resume to start over",
     )

@@ -155,8 +155,8 @@ def _advance(branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: float
             return jumps
         branch.settle()
     raise SolveError(
-        f"friction did not settle in {MOST_TRIES} solves: the body is about to slip; remedy: take"
-        " shorter steps"
+        f"friction did not converge in {MOST_TRIES} solves: the body is about to slip; remedy: "
+        "take shorter steps"
     )
 
 

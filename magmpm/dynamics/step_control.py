@@ -339,7 +339,7 @@ class StepControl:
                 taken = 0
                 now = None
                 motion.rewind(kept)
-                self.why = "where the body touches itself longer ones would change its energy"
+                self.why = "where the body touches itself longer steps would change its energy"
             if self._drift.finer != finer:
                 self._choose()
         now = now or motion.kinematics()
@@ -370,7 +370,7 @@ class StepControl:
                 )
             )
         self._halvings = halvings
-        self.why = "the body moves too quickly for longer ones"
+        self.why = "the body moves too fast for longer steps"
         self._choose()
         return None
 
@@ -380,9 +380,11 @@ class StepControl:
         self._stiffness = float(self._motion.watch[HIGHEST])
         largest = self._stable.largest_beside(self._bound)
         if self._options.time_step is not None and self.step > largest:
-            return self._trouble(f"the body has become stiffer, and bears steps of {largest:.3g} s")
+            return self._trouble(
+                f"the stable time step has dropped to {largest:.3g} s (the body has stiffened)"
+            )
         if self.step > RESERVE * largest:
-            self.why = "the body has become stiffer"
+            self.why = "the body has stiffened"
         self._choose()
         return None
 
@@ -411,7 +413,7 @@ class StepControl:
         stiffest = int(np.argmax(stiffness(self._motion.model, self._motion.particles()[2])))
         given = self._options.time_step is not None
         remedy = (
-            "lower solver.dynamic.time_step, or leave it out: it is then chosen"
+            "lower solver.dynamic.time_step, or omit it: a stable step is then chosen"
             if given
             else "apply the load more slowly (field.over_time, damping), or use more cells across"
         )

@@ -61,7 +61,7 @@ def _options(scene: Scene) -> Dynamic:
     options = scene.solver.dynamic
     if options is None:
         raise InputError(
-            "the scene asks for no motion; add, say, `solver: {dynamic: {duration: 0.5 s}}`"
+            "the scene is not a motion; add, for example, `solver: {dynamic: {duration: 0.5 s}}`"
         )
     return options
 
@@ -78,7 +78,7 @@ def begin(model: Model) -> SimulationState:
             "solver.dynamic.time_step",
             received=f"{options.time_step:.4g} s",
             rule=f"must be at most the stable step, {stable.largest:.4g} s ({bounds})",
-            remedy="lower it, or leave it out: it is then chosen",
+            remedy="lower it, or omit it: a stable step is then chosen",
         )
     control = StepControl(motion, stable, options)
     return SimulationState(motion, stable, control, control.step, options.frame_interval)
@@ -91,7 +91,8 @@ def _within_memory(motion: TotalMotion, options: Dynamic) -> None:
             "solver.dynamic.max_memory",
             received=f"{options.max_memory / 1e6:.4g} MB",
             rule=(
-                f"must be at least what this scene's particles and grid take, {needed / 1e6:.4g} MB"
+                "must be at least the memory of this scene's particles and grid, "
+                f"{needed / 1e6:.4g} MB"
             ),
             remedy="raise it, or use fewer cells_across",
         )
@@ -206,8 +207,8 @@ def _save(state: SimulationState, last: Checkpoint, folder: Path | str) -> None:
         last.save(folder)
     except OSError as error:
         what = (
-            f"{error.filename}: {error.strerror or error}: --resume can only go on from an earlier"
-            " moment, or from the start"
+            f"{error.filename}: {error.strerror or error}: --resume can only continue from an "
+            "earlier time, or start over"
         )
         if what not in state.warnings:
             state.warnings.append(what)

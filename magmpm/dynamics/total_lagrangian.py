@@ -53,11 +53,11 @@ class MovedEnds:
             if ((mass > 0) & ~free & ((place > low) & (place < high)).all(axis=1) & ~follows).any():
                 raise SceneError(
                     f"move.{name}",
-                    found="other held parts stand within the box around what is moved",
-                    rule="in motion that box must be free of them",
+                    found="other held parts lie inside the box around the moved part",
+                    rule="in a motion that box must contain no other held part",
                     remedy=(
-                        "divide the part into several, or move it in statics or along equilibria"
-                        " (solver.quasi_static)"
+                        "split the part into several, or move it in statics or along equilibria "
+                        "(solver.quasi_static)"
                     ),
                 )
             self._boxes[name] = low, high

@@ -70,15 +70,15 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
     speed = float(np.linalg.norm(v[fastest]))
     if ratio > SURFACE and speed > SURFACE * speed / ratio + driven_speed(model, x, time, way):
         return Trouble(
-            f"a particle moves at {speed:.3g} m/s, faster than waves in its material and than its"
-            " load can drive it",
+            f"a particle moves at {speed:.3g} m/s, faster than waves in its material, and faster "
+            "than its load can drive it",
             fastest,
             f"{REMEDY}, or apply the load more slowly",
         )
     if way > FAR * size:
         return Trouble(
-            f"a particle left the box: it is {way:.3g} m from where it was, {FAR:g} times the"
-            " body's size",
+            f"a particle left the box: it is {way:.3g} m from where it started, {FAR:g} times the "
+            "body's size",
             furthest,
             "hold the body (clamp, ground, walls), or shorten solver.dynamic.duration",
         )
@@ -171,6 +171,6 @@ class EnergyBalance:
                 f"{total - self.least:.3g} J, with a kinetic energy of at most {self.kinetic:.3g} J"
             )
             return Trouble(
-                f"energy appeared from nothing: the sum of all energies grew by {grown}", -1, REMEDY
+                f"energy is not conserved: the sum of all energies grew by {grown}", -1, REMEDY
             )
         return None

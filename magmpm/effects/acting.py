@@ -86,8 +86,8 @@ _LOSSES = (
 )
 _INSERTED = "the base is pushed through a guide by `feed: {speed: 20 mm/s, exit: 10 mm}`"
 _INERTIA = (
-    "inertia is there in every motion, `solver: {dynamic: {duration: 0.5 s}}`, and in no"
-    " equilibrium: it is no effect to be named"
+    "inertia acts in every motion, `solver: {dynamic: {duration: 0.5 s}}`, and in no "
+    "equilibrium; it is not an effect to name"
 )
 _INSTEAD = {  # words by which people ask for an effect: what there is
     **dict.fromkeys(
@@ -333,10 +333,9 @@ def warnings(scene: SceneLike) -> list[str]:
     ]
     if scene.solver.dynamic is not None and rough and not loses(scene):
         found.append(
-            f"effects.{rough[0]}: with friction and nothing that takes energy from vibrations, how"
-            " far a body slides near the cone of friction has no answer: it flutters, and finer"
-            " cells go farther; name the losses of its material, say `viscosity: {loss_factor:"
-            " 0.1}`"
+            f"effects.{rough[0]}: friction without material losses: near the friction limit the "
+            "sliding distance is not defined (the body flutters, and slides farther on finer "
+            "cells); name the losses, for example `viscosity: {loss_factor: 0.1}`"
         )
     return found
 

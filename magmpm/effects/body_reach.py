@@ -61,6 +61,6 @@ def unreached(key: str, obstacle: str, reach: BodyReach, from_base: Array) -> li
     if beyond <= 0:
         return []
     return [
-        f"effects.{key}: {obstacle} does nothing: it is {1e3 * beyond:.3g} mm beyond all that the"
-        f" body can reach ({reach.why}); check its place and its units"
+        f"effects.{key}: {obstacle} does nothing: it is {1e3 * beyond:.3g} mm beyond the reach of "
+        f"the body ({reach.why}); check its position and units"
     ]

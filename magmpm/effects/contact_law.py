@@ -50,8 +50,8 @@ Stiffness = Annotated[
         allow_inf_nan=False,
         examples=[1.0],
         description=(
-            "Times the usual stiffness of the contact, which lets the body in by micrometers; 1"
-            " unless given. Above 1 the contact may ask for a smaller time step than the body."
+            "Factor on the usual contact stiffness, at which the body sinks in by micrometers; 1 "
+            "unless given. Above 1 the contact may require a smaller time step than the body."
         ),
     ),
 ]
@@ -184,8 +184,8 @@ class Obstacle(Effect):
         """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
         depth = contact_of(self.records(scene), at_rest(x))["depth"]
         found = (
-            f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed"
-            " or went through"
+            f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it was "
+            "pressed in or passed through"
         )
         return found if depth > scene.cell else None
 
@@ -200,9 +200,10 @@ class Obstacle(Effect):
             raise SceneError(
                 f"effects.{self.key()}",
                 found=(
-                    f"the body begins {1e3 * depth:.3g} mm inside {self.WORDS}, deepest with"
-                    f" {place(model, still.x[point])}, and would be thrown out at {speed:.2g} m/s"
+                    f"initial overlap of {1e3 * depth:.3g} mm with {self.WORDS} in "
+                    f"{place(model, still.x[point])}: contact would eject the body at {speed:.2g} "
+                    "m/s"
                 ),
-                rule="a body must begin clear of it, or just touching",
+                rule="a body must start clear of it, or just touching",
                 remedy=f"{self.CLEAR}, by {1e3 * depth:.3g} mm or more",
             )

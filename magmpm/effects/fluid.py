@@ -59,7 +59,8 @@ class Fluid(Effect):
 
     PHASE = "force"
     density: Annotated[float, Quantity("density", above="0 kg/m^3", at_most="1e5 kg/m^3")] = Field(
-        description="Of the fluid; water has 1000 kg/m^3, blood 1060.", examples=["1000 kg/m^3"]
+        description="Density of the fluid; water has 1000 kg/m^3, blood 1060.",
+        examples=["1000 kg/m^3"],
     )
     viscosity: Annotated[float, Quantity("viscosity", above="0 Pa s", at_most="1e4 Pa s")] = Field(
         description="Dynamic viscosity; water has 1 mPa s, blood 3.5, glycerol 1400.",
@@ -69,14 +70,17 @@ class Fluid(Effect):
         tuple[_Component, _Component, _Component], three("[0 m/s, 0 m/s, 0 m/s]")
     ] = Field(
         default=(0.0, 0.0, 0.0),
-        description="Of the undisturbed stream, everywhere: [x, y, z]; at rest unless given.",
+        description=(
+            "Velocity of the undisturbed stream, the same everywhere: [x, y, z]; at "
+            "rest unless given."
+        ),
         examples=[["10 cm/s", "0 m/s", "0 m/s"]],
     )
     mean_speed: _Component | None = Field(
         default=None,
         description=(
-            "In place of `velocity`: the mean speed of a steady flow through the tube of `walls`, along"
-            " its path, with the profile of Poiseuille; beyond its wall nothing flows."
+            "In place of `velocity`: the mean speed of a steady flow through the tube of "
+            "`walls`, along its path, with Poiseuille's profile; no flow outside its wall."
         ),
         examples=["10 cm/s"],
     )
@@ -135,8 +139,8 @@ class Fluid(Effect):
         if scene.effects.gravity is not None:
             return []
         return [
-            "effects.fluid: without gravity nothing has weight, so the fluid does not buoy the body;"
-            " name `gravity: {}` where both matter"
+            "effects.fluid: without gravity the fluid has no buoyancy; name `gravity: {}` if "
+            "it matters"
         ]
 
     def law(self, surface: WettedSurface) -> Array:

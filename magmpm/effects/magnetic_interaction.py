@@ -55,8 +55,8 @@ class MagneticInteraction(BodyEffect):
         ge=1,
         le=5,
         description=(
-            "Dipoles that stand for a segment, across its thickness (and as densely along it); 3"
-            " unless given."
+            "Number of dipoles across a segment's thickness (and as densely along it); 3 unless "
+            "given."
         ),
         examples=[3],
     )
@@ -98,7 +98,7 @@ class MagneticInteraction(BodyEffect):
                 "effects.magnetic_interaction.blocks_across",
                 received=str(self.blocks_across),
                 found=f"the segments make {count} blocks",
-                rule=f"there may be {MOST} blocks at most",
+                rule=f"at most {MOST} blocks are allowed",
                 remedy="write a smaller blocks_across, or use fewer cells_across",
             )
         return block

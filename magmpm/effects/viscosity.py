@@ -100,8 +100,8 @@ class Viscosity(Effect):
         named = "viscosity" in self.model_fields_set or self.branches is not None
         if self.loss_factor is None and not named:
             raise fault(
-                "give `loss_factor`, or `viscosity` or `branches` or both: without them nothing is"
-                " lost",
+                "give `loss_factor`, or `viscosity` or `branches` or both: without them there is "
+                "no loss",
                 remedy,
                 ("viscosity",),
             )

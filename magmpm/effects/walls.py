@@ -191,7 +191,7 @@ class Walls(Obstacle):
         if self.tube is not None and len(out):
             place = distance.along_path(out, path := _path(self.tube))
             out = out[(place > 0.0) & (place < len(path) - 1.0)]
-        return f"the body has gone through {self.WORDS}" if len(out) else super().passed(scene, x)
+        return f"the body passed through {self.WORDS}" if len(out) else super().passed(scene, x)
 
     def warnings(self, scene: SceneLike) -> list[str]:
         """Warn of a wall that is too far away to be touched."""
@@ -215,10 +215,10 @@ class Walls(Obstacle):
             raise SceneError(
                 "effects.walls",
                 found=(
-                    f"the body begins {far}outside the lumen, farthest with"
-                    f" {place(model, model.particles.position[out.argmax()])}"
+                    f"the body starts {far}outside the lumen, farthest in "
+                    f"{place(model, model.particles.position[out.argmax()])}"
                 ),
-                rule="the body must begin within the lumen",
+                rule="the body must start inside the lumen",
                 remedy="make the lumen wider, or move it to the body",
             )
         if (
@@ -229,10 +229,10 @@ class Walls(Obstacle):
                 raise SceneError(
                     "effects.walls",
                     found=(
-                        "the body begins outside the lumen, before an open end of its tube;"
-                        f" {found.removeprefix('effects.walls: ')}"
+                        "the body starts outside the lumen, before an open end of its tube; "
+                        f"{found.removeprefix('effects.walls: ')}"
                     ),
-                    rule="the body must begin within the lumen, or be able to reach it",
+                    rule="the body must start inside the lumen, or be able to reach it",
                     remedy="move the tube to the body, or feed the body into it",
                 )
         super().check(model)

@@ -106,8 +106,8 @@ class Field:
                     ),
                     solid.name,
                     (
-                        "move the magnet away, or make the pull weaker: nothing stops a body at a"
-                        " magnet's surface but contact with walls"
+                        "move the magnet away, or weaken its pull: only contact with `walls` "
+                        "stops a body at a magnet's surface"
                     ),
                 )
             if depth[worst] > -distance:
@@ -117,7 +117,10 @@ class Field:
                         f" mm of {solid.name}, where its field is not known"
                     ),
                     solid.name,
-                    "begin with the body nearer to the magnet, or raise field.tabulation.tolerance",
+                    (
+                        "start with the body closer to the magnet, or raise "
+                        "field.tabulation.tolerance"
+                    ),
                 )
         for name, position in bare:
             distance = np.linalg.norm(local - position, axis=1)
@@ -141,8 +144,8 @@ class Field:
                 point = points[int(np.argmax(out))]
                 return (
                     (
-                        f"the body's point at {in_mm(point)} is outside of the box where"
-                        f" {limit.name} is known, {limit.box.text()}"
+                        f"the body's point at {in_mm(point)} is outside the box where "
+                        f"{limit.name} is known, {limit.box.text()}"
                     ),
                     limit.name,
                     limit.remedy,
@@ -417,8 +420,8 @@ def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[
         raise SceneError("field.map", found=found, rule=rule, remedy=remedy)
     packed, errors = table.of_values(lower, spacing, grid.array())
     warnings = [
-        f"field.map: the map's {name} is {100 * size:.0f} % of its gradient, where a magnetic field"
-        " has none; its force is as wrong as that"
+        f"field.map: the map's {name} is {100 * size:.0f} % of its gradient, and should be zero "
+        "in a magnetic field; the force has an error of that size"
         for name, size in (("curl", errors.curl), ("divergence", errors.divergence))
         if size > 0.05
     ]

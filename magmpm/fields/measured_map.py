@@ -129,7 +129,7 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     if count.max() > 1:
         twice = int(np.flatnonzero(flat == int(np.argmax(count)))[1])
         raise lines[twice].error(
-            "each point of the grid may stand once",
+            "each grid point may appear once",
             "remove one of the rows",
             received=in_mm(rows[twice, :3], "g"),
         )
@@ -166,9 +166,9 @@ def _axis(path: Path, coordinates: Array, name: str) -> Array:
     worst = int(np.argmax(off))
     if off[worst] > 1e-3 * extent / (len(found) - 1):
         rule = (
-            f"the grid of a map is even: {len(found)} planes from {1e3 * found[0]:g} to"
-            f" {1e3 * found[-1]:g} mm along {name} would have one at {1e3 * even[worst]:g} mm, the"
-            f" file has {1e3 * found[worst]:g} mm"
+            f"the grid of a map must be evenly spaced: {len(found)} planes from "
+            f"{1e3 * found[0]:g} to {1e3 * found[-1]:g} mm along {name} would have one at "
+            f"{1e3 * even[worst]:g} mm, the file has {1e3 * found[worst]:g} mm"
         )
         raise TableError(str(path), rule=rule, remedy="interpolate the map onto a regular grid")
     return even
@@ -279,7 +279,7 @@ def _header(
             )
             raise header.error(rule, start, received=show(cell))
         if name in names:
-            raise header.error("a column may stand once", "remove one", received=show(cell))
+            raise header.error("each column may appear once", "remove one", received=show(cell))
         names.append(name)
         factors.append(factor)
     return names, factors

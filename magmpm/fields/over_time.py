@@ -178,7 +178,7 @@ class OverTime(Settings):
     @model_validator(mode="after")
     def _one_list(self) -> OverTime:
         if self.keyframes is not None and self.table is not None:
-            raise fault("keyframes and table say the same thing", "remove one of the two")
+            raise fault("keyframes and table both give the schedule", "remove one of the two")
         if not any((self.ramp, self.rotation, self.oscillation, self.keyframes, self.table)):
             raise fault(
                 "something must change: ramp, rotation, oscillation, keyframes or table",

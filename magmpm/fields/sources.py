@@ -56,7 +56,8 @@ class Dipole(Settings):
     diameter: Length | None = Field(
         default=None,
         description=(
-            "Of the sphere it stands for, which the body must stay out of; a point unless given."
+            "Diameter of the sphere it represents, which the body must stay out of; a point "
+            "unless given."
         ),
         examples=["10 mm"],
     )
@@ -245,7 +246,9 @@ class FieldSource(Settings):
     )
     tabulation: Tabulation | None = Field(
         default=None,
-        description="How magnets and coils are put on a table; as usual unless given.",
+        description=(
+            "Accuracy and extent of the field tables of magnets and coils; chosen unless given."
+        ),
         examples=[{"tolerance": 0.002}],
     )
     over_time: OverTime | None = Field(

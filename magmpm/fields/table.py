@@ -49,9 +49,9 @@ def cloud(
             raise SceneError(
                 solid.name,
                 found=(
-                    f"within {1e3 * distance:.3g} mm of it the field can't be as exact as"
-                    f" {1e2 * tolerance:g} % with {MAX_DIPOLES} dipoles ({1e2 * error:.2g} % was"
-                    " reached)"
+                    f"within {1e3 * distance:.3g} mm of it the field can't be known to "
+                    f"{1e2 * tolerance:g} % with {MAX_DIPOLES} dipoles ({1e2 * error:.2g} % was "
+                    "reached)"
                 ),
                 rule=(
                     "a magnet that turns, or that the body goes round, is computed as a cloud of"
@@ -176,8 +176,8 @@ def tabulate(
             raise SceneError(
                 what,
                 found=(
-                    f"a table over {box.text()} can't be as exact as {1e2 * tolerance:g} % with"
-                    f" {MAX_NODES} nodes{found}"
+                    f"a table over {box.text()} can't be accurate to {1e2 * tolerance:g} % with "
+                    f"{MAX_NODES} nodes{found}"
                 ),
                 rule=(
                     "the field near an edge of a magnet or a wire varies too fast for a table that"

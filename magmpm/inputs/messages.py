@@ -62,7 +62,7 @@ NOTHING = "nothing"  # what is received where a key or a value is missing
 def empty_values(data: Any, at: Key = ()) -> list[Problem]:
     """`key:` with nothing after it: a reader may take it for the default, so the file must say what is meant."""
     if data is None:
-        remedy = "write {} for a part with its usual values, or remove the key"
+        remedy = "write {} for the defaults, or remove the key"
         return [Problem(at, NOTHING, "a key must have a value", remedy)]
     if isinstance(data, dict):
         return [p for key, value in data.items() for p in empty_values(value, (*at, key))]
@@ -146,9 +146,9 @@ def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Prob
     known = list(parent.model_fields) if parent is not None else []
     later = getattr(parent, "not_there_yet", {}).get(key)
     if later is not None:
-        rule = f"`{key}` ({later}) is not there yet in this version"
+        rule = f"`{key}` ({later}) is not available in this version"
         return Problem(
-            at, show(value), rule, f"remove it; there are {', '.join(known)}", later=True
+            at, show(value), rule, f"remove it; available: {', '.join(known)}", later=True
         )
     values = _locate(data, at[:-1], absent=False)[1]
     instead: Instead | None = getattr(parent, "by_other_keys", lambda key, values: None)(

@@ -146,7 +146,7 @@ def parse_quantity(text: str, kind: Kind) -> float:
     magnitude = float(number.group())
     if unit in kind.related:
         factor, words = kind.related[unit]
-        rule = f'{a(kind.name)} is due here, and "{unit}" is not a unit of {kind.name}'
+        rule = f'{a(kind.name)} is expected here, and "{unit}" is not a unit of {kind.name}'
         raise BadQuantity(
             rule, f'write {words}: "{quantity(magnitude * factor, kind.si, 4)}"', magnitude * factor
         )
@@ -236,7 +236,7 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
     if kind.name == "frequency" and names & (_ANGLES | _ANGULAR):  # 1 rad/s is not 1 Hz
         same = False
     if not same:
-        rule = f'{a(kind.name)} is due here, and "{unit}" is not a unit of {kind.name}'
+        rule = f'{a(kind.name)} is expected here, and "{unit}" is not a unit of {kind.name}'
         raise BadQuantity(rule, _nearest_unit(unit, kind) or write)
     factor = registry.convert(Fraction(1), found, wanted)
     return factor if isinstance(factor, Fraction) else Fraction(factor)
@@ -262,7 +262,7 @@ def _factor(unit: str, kind: Kind) -> Fraction:
         plain is None and kind.name == "percentage"
     ):  # pint would take any number without a dimension, such as degrees
         raise BadQuantity(
-            f'a percentage is due here, and "{unit[:MOST_UNIT]}" is not %',
+            f'a percentage is expected here, and "{unit[:MOST_UNIT]}" is not %',
             f'write, say, "{kind.example}"',
         )
     return plain if plain is not None else _factor_in_pint(unit, kind.name)

@@ -121,7 +121,7 @@ class Quantity:
             except BadQuantity as error:
                 raise fault(error.rule, error.remedy) from None
         elif isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise fault(f"{a(kind.name)} is due here", write)
+            raise fault(f"{a(kind.name)} is expected here", write)
         elif not abs(value) <= 1e300:  # compares integers of any size too, and refuses nan
             raise fault(f"{a(kind.name)} must be a finite number", write)
         elif from_file(info):

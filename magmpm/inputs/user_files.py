@@ -154,7 +154,7 @@ def folder_fault(name: str) -> tuple[str, str] | None:
             ),
         )
     if not name.strip() or name != name.strip():
-        return rule, "begin and end it with something other than a space"
+        return rule, "remove spaces at its start and end"
     if name.startswith(".") or name.endswith("."):
         return (
             rule,

@@ -174,7 +174,7 @@ def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
         rule = "a tab cannot indent YAML"
         remedy = "indent with spaces"
     elif "single document" in str(error.context) or "another document" in problem:
-        rule = "the file must hold one document"
+        rule = "the file must hold one YAML document"
         remedy = "remove the second `---`"
     else:
         rule = "must be valid YAML: " + " ".join(part for part in (error.context, problem) if part)
@@ -204,7 +204,7 @@ class _Builder:
     def value(self, node: yaml.Node, at: Key) -> Any:
         self.nodes += 1
         if self.nodes > MAX_NODES or id(node) in self.open:
-            rule = "aliases must not repeat without end"
+            rule = "aliases must not contain themselves"
             raise InputError(
                 self.report(node, at, received="an alias", rule=rule, remedy="write the values out")
             )
@@ -236,7 +236,7 @@ class _Builder:
             key = str(key_node.value)
             if key in first:
                 received = f'the key "{key}" a second time'
-                rule = f"a key may stand once (the first is in line {first[key]})"
+                rule = f"a key may appear once (the first is in line {first[key]})"
                 remedy = "remove or rename one of the two"
                 raise InputError(
                     self.report(key_node, (*at, key), received=received, rule=rule, remedy=remedy)

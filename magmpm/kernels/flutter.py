@@ -59,8 +59,8 @@ def flutter_warnings(flutter: Array) -> list[str]:
     if not flutter[FOUND] > 0.0:
         return []
     return [
-        "the body flutters while it slides: its push on what it touches swings at"
-        f" {flutter[FOUND]:.3g} Hz between nothing and more than twice its mean. How far it slides then depends on its"
-        " losses and on the cells: name those of its material, say `viscosity: {loss_factor: 0.1}`,"
-        " or more of them, and compare another number of cells_across"
+        f"the body flutters while it slides: its contact force oscillates at {flutter[FOUND]:.3g} "
+        "Hz between zero and more than twice its mean. The sliding distance then depends on "
+        "material losses and on the cell size: name losses (`viscosity: {loss_factor: 0.1}`) "
+        "or increase them, and compare with another number of cells_across"
     ]

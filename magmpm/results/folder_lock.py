@@ -78,7 +78,7 @@ def refuse_links(folder: Path) -> None:
             and (path.name in SUBFOLDERS or not path.is_dir())
             and not path.resolve().is_relative_to(folder.resolve())
         ):
-            rule = "what is written to a folder of results must not land elsewhere"
+            rule = "results must not be written outside their folder"
             received = f"a link to {os.readlink(path)}"
             raise InputError(
                 str(path),
@@ -123,7 +123,7 @@ def refuse_unwritable(folder: Path) -> None:
 def unwritable(folder: Path, error: OSError) -> InputError:
     """The error of a folder that results can't be written to."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        rule = f"results need room on the disk ({error.strerror})"
+        rule = f"results need free disk space ({error.strerror})"
         remedy = "free some, or use another --out"
     else:
         rule = f"the folder must be writable ({error.strerror})"

@@ -66,9 +66,9 @@ class Strain:
         found = []
         if self.stretched > SHARE:
             found.append(
-                f"strain: {100 * self.stretched:.3g} % of the volume is stretched to more than"
-                f" {STRETCH:g} times its length (at most {self.stretch:.3g} times{when}), where the"
-                f" neo-Hookean law no longer follows silicone; {REMEDY}"
+                f"strain: {100 * self.stretched:.3g} % of the volume is stretched to more than "
+                f"{STRETCH:g} times its length (at most {self.stretch:.3g} times{when}), where "
+                f"the neo-Hookean law no longer describes silicone; {REMEDY}"
             )
         if self.swollen > SHARE:
             found.append(

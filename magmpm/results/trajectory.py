@@ -94,7 +94,7 @@ class MotionWriter:
                 )
                 raise InputError(
                     place,
-                    rule="a motion goes on from the frames it has",
+                    rule="a motion resumes from the frames on disk",
                     remedy="run again without --resume",
                 )
             if resume_frames is not None:
@@ -168,8 +168,8 @@ class MotionWriter:
         needed = _OVERHEAD if self.frames < self._file.places else self.frame_size
         at = f"after {self.frames} frames, before the one at t = {time:g} s"
         remedy = (
-            "remedy: a larger output_every writes fewer frames, fewer resolution.cells_across make"
-            f" them smaller; what was written so far is whole: {self.path}"
+            "remedy: a larger output_every writes fewer frames, fewer resolution.cells_across "
+            f"make them smaller; the frames written so far are intact: {self.path}"
         )
         if self.max_disk is not None and self.size + needed > self.max_disk:
             raise BudgetError(
@@ -180,9 +180,9 @@ class MotionWriter:
         free = shutil.disk_usage(self.folder).free
         if free < needed + _KEEP_FREE:
             raise BudgetError(
-                f"{self.folder}: the disk is full: {_bytes(free)} are free {at}, which would add"
-                f" {_bytes(needed)}\n  rule: {_bytes(_KEEP_FREE)} of the disk are left to others\n "
-                f" {remedy}"
+                f"{self.folder}: the disk is full: {_bytes(free)} are free {at}, which would add "
+                f"{_bytes(needed)}\n  rule: {_bytes(_KEEP_FREE)} of the disk are kept free\n  "
+                f"{remedy}"
             )
 
     def _reserve(self) -> None:
@@ -201,11 +201,11 @@ class MotionWriter:
                 if error.errno in (errno.EOPNOTSUPP, errno.EINVAL):
                     return  # a file system that can't
                 raise BudgetError(
-                    f"{self.path}: {error.strerror} after {self.frames} frames, before one more of"
-                    f" up to {_bytes(self.frame_size)}\n  rule: the motion must fit on the disk,"
-                    " and within the system's limits for this user\n  remedy: a larger"
-                    " output_every writes fewer frames; what was written so far is whole:"
-                    f" {self.path}"
+                    f"{self.path}: {error.strerror} after {self.frames} frames, before one more "
+                    f"of up to {_bytes(self.frame_size)}\n  rule: the motion must fit on the "
+                    "disk, and within the system's limits for this user\n  remedy: a larger "
+                    "output_every writes fewer frames; the frames written so far are intact: "
+                    f"{self.path}"
                 ) from error
 
     def _tell_about(self, model: Any) -> None:
@@ -227,7 +227,7 @@ class MotionWriter:
             raise InputError(
                 str(self.path),
                 received=f"{len(times)} frames up to the checkpoint",
-                rule=f"a motion goes on from the {frames} frames it had then, all of them",
+                rule=f"a motion resumes from all {frames} frames it had then",
                 remedy=(
                     "put back the file that belongs to the checkpoint, or run again without"
                     " --resume"
@@ -289,7 +289,7 @@ def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
         return name, scene
     except (OSError, KeyError, TypeError, ValueError) as error:
         rule = "must be as the motion's run wrote it"
-        remedy = "run the scene again with --resume, which writes it anew, or without"
+        remedy = "run the scene again with --resume, which rewrites it, or without"
         raise InputError(f"{path}: can't be read ({error})", rule=rule, remedy=remedy) from None
 
 

@@ -74,9 +74,9 @@ class FrameFile:
             particles = int(file["VTKHDF/NumberOfPoints"][0])
             if particles != n or set(stored) != set(QUANTITIES):
                 raise InputError(
-                    f"{path}: holds another motion ({particles} particles, {', '.join(stored)}),"
-                    f" not this one's ({n} particles, {', '.join(QUANTITIES)}); resume with the"
-                    " scene it began with"
+                    f"{path}: holds another motion ({particles} particles, {', '.join(stored)}), "
+                    f"not this one's ({n} particles, {', '.join(QUANTITIES)}); resume with the "
+                    "original scene"
                 )
             count = int(file["VTKHDF/Steps"].attrs[_COUNT])
             kept = int(np.count_nonzero(file[_TIMES][:count] <= until * (1 + 1e-12)))

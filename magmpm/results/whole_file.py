@@ -57,12 +57,12 @@ def explained(error: OSError, kept: str = "") -> str:
     """The message for a file that can't be read or written; kept: what is not lost."""
     place = f"{error.filename or 'the system'}: {error.strerror or error}"
     if error.errno in FULL:
-        rule = "what is written needs room on the disk, within the system's limits for this user"
-        remedy = "free room, or write to another disk"
+        rule = "output needs free disk space, within the system's limits for this user"
+        remedy = "free disk space, or write to another disk"
     elif error.errno in REFUSED:
-        rule = "it must be possible to write there"
-        remedy = "use another folder, or see to its permissions"
+        rule = "the location must be writable"
+        remedy = "use another folder, or fix its permissions"
     else:
-        rule = "files must stay within reach while a command runs"
-        remedy = "see that the disk is there and healthy, then run it again"
+        rule = "files must stay accessible while a command runs"
+        remedy = "check that the disk is connected and healthy, then run it again"
     return report(place, rule=rule, remedy=f"{remedy}{kept}")

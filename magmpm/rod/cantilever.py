@@ -43,9 +43,9 @@ def kink_warning(scene: Scene) -> str | None:
     if bent * limit <= BORNE:
         return None
     return (
-        f"the tube will kink: the load bends it with {bent * limit / BORNE:.2g} times the moment"
-        " that its wall bears before the section flattens (Brazier); the solve may take long and"
-        " fail; thicken the wall, or bend it less"
+        f"the tube will kink: the load bends it with {bent * limit / BORNE:.2g} times the moment "
+        "at which its section flattens (Brazier); the solve may be slow and fail; thicken the "
+        "wall, or bend it less"
     )
 
 

@@ -64,7 +64,7 @@ def check_apparatus(header: CsvLine, named: set[str], scene: Scene) -> None:
         return
     if scene.in_time:
         raise header.error(
-            "along time the apparatus is the scene's own",
+            "in runs along time the scene sets the apparatus",
             "write its schedule in the scene, field.over_time",
         )
     magnets = scene.field.magnet or ()

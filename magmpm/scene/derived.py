@@ -26,7 +26,7 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     if catheter is None:
         raise InputError(
             f"body.{scene.body.kind}",
-            rule="only a catheter leaves a guide bit by bit",
+            rule="only a catheter can be pushed out of a guide",
             remedy="use a catheter",
         )
     if scene.effects.feed is not None and scene.field.varies:
@@ -57,7 +57,7 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
             "inserted length",
             received=f"{1e3 * length:g} mm",
             rule=rule,
-            remedy="a shorter piece is no rod: begin there",
+            remedy="start there: a shorter piece is not a rod",
         )
     length = min(max(length, least), most)
     kept = _cut(

@@ -140,7 +140,7 @@ def _scene_text(path: Path, robot: Robot, target: Path) -> tuple[str, list[str]]
         raise InputError(
             f"{path}: segments",
             received="fixed: true in all",
-            rule="one segment at least must be free to move",
+            rule="at least one segment must be free to move",
             remedy="set `fixed: False` on those that are",
         )
     if not any(any(s.magnetisation_vector) for s in robot.segments) or robot.remenance == 0.0:

@@ -38,8 +38,8 @@ def within(scene: Scene) -> Iterator[None]:
             "solver.dynamic.max_memory",
             received=f"{dynamic.max_memory / 1e6:.4g} MB",
             rule=(
-                "must be at least what this scene's particles and grid take, by an estimate at"
-                f" least {estimate}"
+                "must be at least the memory of this scene's particles and grid, estimated at "
+                f"least {estimate}"
             ),
             remedy="raise it, or use fewer cells_across",
         )
@@ -53,7 +53,11 @@ def within(scene: Scene) -> Iterator[None]:
         yield
     except MemoryError as error:
         raise _too_large(
-            scene, f"particles and grid take at least {estimate}, which could not be had ({error})"
+            scene,
+            (
+                f"particles and grid take at least {estimate}, which could not be "
+                f"allocated ({error})"
+            ),
         ) from None
 
 
@@ -70,7 +74,11 @@ def for_matrix(scene: Scene, size: float) -> Iterator[None]:
         yield
     except MemoryError:
         raise _too_large(
-            scene, f"the matrix of its equilibrium takes {_in_words(size)}, which could not be had"
+            scene,
+            (
+                f"the matrix of its equilibrium takes {_in_words(size)}, which could not "
+                "be allocated"
+            ),
         ) from None
 
 

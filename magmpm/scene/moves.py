@@ -49,7 +49,7 @@ class Move(Settings):
                     else ("over_time", "table")
                 )
                 raise fault(
-                    "keyframes of a motion give the share of its distance alone",
+                    "keyframes of `move` give only the share of its distance",
                     "write, say, `strength: 1`",
                     at,
                 )
@@ -145,8 +145,8 @@ def check(scene: Any) -> None:
         last = next(name for name in ("tip", "base") if name in moves)
         if apart > TORN * shape.length:
             raise fault(
-                f"silicone tears before it is {TORN:g} times as long, and the ends would come to be"
-                f" {1e3 * apart:.4g} mm apart, of {1e3 * shape.length:.4g} mm",
+                f"silicone tears before it is {TORN:g} times as long, and the ends would be "
+                f"{1e3 * apart:.4g} mm apart, from {1e3 * shape.length:.4g} mm",
                 "check the unit of the distance, or write a smaller one",
                 ("move", last, "distance"),
             )

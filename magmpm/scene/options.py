@@ -83,10 +83,7 @@ class Dynamic(Settings):
         if given["formulation"] not in (None, "total") or from_file(
             info
         ):  # results of earlier versions hold None or total
-            rule = (
-                "there is one formulation of motion, total Lagrangian, in which bodies touch"
-                " themselves too, so there is no such key"
-            )
+            rule = "there is one formulation of motion, total Lagrangian, so there is no such key"
             raise fault(rule, "leave it out", ("formulation",))
         return {key: value for key, value in given.items() if key != "formulation"}
 
@@ -96,8 +93,8 @@ class Dynamic(Settings):
         if frames > MOST_FRAMES * (1 + 1e-9):
             raise fault(
                 f"a motion has at most {MOST_FRAMES} frames, and this would have {frames:.4g}",
-                f"at least `output_every: {self.duration / MOST_FRAMES:.3g} s`, or leave it out for"
-                f" a hundred frames, here `output_every: {10 * self.duration:.3g} ms`",
+                f"at least `output_every: {self.duration / MOST_FRAMES:.3g} s`, or omit it for a "
+                f"hundred frames, here `output_every: {10 * self.duration:.3g} ms`",
                 ("output_every",),
             )
         return self
@@ -171,9 +168,7 @@ class QuasiStatic(Settings):
     @model_validator(mode="after")
     def _one_way_to_say_when(self) -> QuasiStatic:
         if self.steps is None and self.at is None:
-            raise fault(
-                "it must say when: `steps` or `at`", "write, say, `quasi_static: {steps: 40}`"
-            )
+            raise fault("it must have `steps` or `at`", "write, say, `quasi_static: {steps: 40}`")
         if self.at is not None:
             for key in ("steps", "duration"):
                 if getattr(self, key) is not None:
@@ -301,8 +296,8 @@ def _remanence(value: Any) -> str:
         value = f"{value!r} A/m"
     if not isinstance(value, str):
         return (
-            "a material has a remanence, and what is made of it a direction: write `magnetization:"
-            " [1, 0, 0]` in a segment or part"
+            "a material has a remanence; its direction belongs to a segment or part: write "
+            "`magnetization: [1, 0, 0]` there"
         )
     try:
         found = parse_quantity(value, KINDS["flux density"])
@@ -310,10 +305,7 @@ def _remanence(value: Any) -> str:
         write = (
             "remanence" if error.meant is None else f"`remanence: {quantity(error.meant, 'T', 4)}`"
         )
-        return (
-            f"write {write} in its place: mu0 M, the flux density that belongs to a magnetization"
-            " M; 100 kA/m is 125.7 mT"
-        )
+        return f"write {write} in its place: mu0 M for a magnetization M; 100 kA/m is 125.7 mT"
     return f"write `remanence: {quantity(found, 'T', 4)}` in its place"
 
 
@@ -419,7 +411,7 @@ class Static(Settings):
         le=1e-2,
         allow_inf_nan=False,
         description=(
-            "Stops when a step can win less than this part of the energy; 1e-11 unless given."
+            "Stop when a step can lower the energy by less than this fraction; 1e-11 unless given."
         ),
         examples=[1e-11],
     )
@@ -429,8 +421,8 @@ class Static(Settings):
         ge=1,
         le=10_000,
         description=(
-            "Most Newton steps of a solve; 60 unless given. Of STL parts, which have no rod's shape"
-            " to start from, ten times this."
+            "Maximum number of Newton steps in a solve; 60 unless given. STL parts, which have "
+            "no rod's shape to start from, get ten times this."
         ),
         examples=[60],
     )
@@ -452,8 +444,8 @@ class Solver(Settings):
     anti_locking: Literal["f-bar", "none"] = Field(
         default="f-bar",
         description=(
-            "Cure for volumetric locking, in equilibrium and in motion: f-bar (unless given) or"
-            " none."
+            "Treatment of volumetric locking, in equilibrium and in motion: f-bar (unless given) "
+            "or none."
         ),
         examples=["f-bar"],
     )
@@ -500,7 +492,10 @@ class Solver(Settings):
                 "give `static`, `quasi_static` or `dynamic`, one of them: a scene is solved for"
                 " its equilibrium, for equilibria along time, or for its motion; this has"
                 f" {' and '.join(f'`{key}`' for key in given)}",
-                "remove one of them; what all use, `anti_locking`, stands beside them in `solver`",
+                (
+                    "remove one of them; `anti_locking`, which applies to all of them, goes "
+                    "beside them in `solver`"
+                ),
             )
         return self
 
@@ -554,8 +549,8 @@ class Resolution(Settings):
         Field(
             default=None,
             description=(
-                "The largest error wanted, a share of the length or a length: the program chooses"
-                " the cells, and proves the error; give this, `seconds`, or cells_across."
+                "The largest allowed error, a share of the length or a length: the program "
+                "chooses the cells, and bounds the error; give this, `seconds`, or cells_across."
             ),
             examples=["1 %", "0.1 mm"],
         )
@@ -604,7 +599,7 @@ class Resolution(Settings):
             )
         if "of" in self.model_fields_set and self.of != "centreline" and not self.requested:
             raise fault(
-                "`of` says where an error is meant, and none is asked for",
+                "`of` says where an error is meant, and no error is given",
                 "add, say, `error: 0.1 mm`, or remove it",
                 ("of",),
             )

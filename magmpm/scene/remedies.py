@@ -15,7 +15,7 @@ FOLLOWED = 60  # equilibria along a ramp of the field
 SHARE = 0.9  # of the load or the time that was reached
 WEAKER = (0.5, 0.1)  # of the load, where it is not known how much was borne
 ENERGY = (  # how the reason of a motion begins whose steps are too long
-    "energy appeared from nothing"
+    "energy is not conserved"
 )
 
 
@@ -99,14 +99,16 @@ def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
             "solver.dynamic.duration": until,
             "solver.dynamic.output_every": until / 10,
         }
-        return (Remedy(f"solver.dynamic.duration: {until:g} s, up to which it went well", more),)
+        return (
+            Remedy(f"solver.dynamic.duration: {until:g} s, up to which the run succeeded", more),
+        )
     times = scene.path_times()
     # out of time: as many steps as it took so far, for more would take longer; otherwise finer ones
     steps = sum(times[0] < t <= until for t in times) if isinstance(error, TimeOver) else len(times)
     shorter = {"steps": max(1, steps), "duration": until}
     words = (
-        f"solver.quasi_static: {{steps: {shorter['steps']}, duration: {until:g} s}}, up to which it"
-        " went well"
+        f"solver.quasi_static: {{steps: {shorter['steps']}, duration: {until:g} s}}, up to which "
+        "the run succeeded"
     )
     return (Remedy(words, {"solver.quasi_static": shorter}),)
 

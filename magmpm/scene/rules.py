@@ -18,8 +18,8 @@ from magmpm.scene import moves
 
 NO_ENERGY = (  # rule and remedy, where a static scene names one of them
     (
-        "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force:"
-        " either alone has no energy"
+        "in a field that varies in space, equilibrium needs both magnetic_torque and "
+        "magnetic_force: neither alone has an energy"
     ),
     (
         "add `magnetic_force: {}` or `magnetic_torque: {}`, or ask for motion with solver.dynamic,"
@@ -58,7 +58,7 @@ def check(scene: WholeScene, *, written: bool) -> None:
     if written and scene.static and scene.body.shape.clamp == "none":
         raise fault(
             "equilibrium needs a body that is held somewhere",
-            "clamp it, or let it move: `solver: {dynamic: {duration: 0.5 s}}`",
+            "clamp it, or simulate its motion: `solver: {dynamic: {duration: 0.5 s}}`",
             ("body", scene.body.kind, scene.body.shape.clamp_key),
         )
     _motion_has_its_solver(scene)
@@ -126,7 +126,7 @@ def _tip_is_named(scene: WholeScene) -> None:
     parts = scene.body.parts
     if parts is not None and parts.tip is None and scene.resolution.of == "tip":
         raise fault(
-            "the error of a tip is asked for, and parts have no tip unless it is named",
+            "an error at the tip is requested, and parts have no tip unless the scene names it",
             "name a part or a point, say `tip: arm` in body.parts, or remove `of`",
             ("resolution", "of"),
         )
@@ -153,9 +153,9 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
     for name in ("feed", "magnetic_interaction"):
         if scene.effects.self_contact is not None and getattr(scene.effects, name) is not None:
             raise fault(
-                f"a body that touches itself has no equilibria with {name}",
-                "do not name one of the two, or let it move: `solver: {dynamic: {duration: 0.5"
-                " s}}`",
+                f"equilibria with self_contact can't be combined with {name}",
+                "remove one of the two, or simulate the motion: `solver: {dynamic: {duration: "
+                "0.5 s}}`",
                 ("effects", "self_contact"),
             )
     for name, effect in scene.effects.named().items():
@@ -186,8 +186,8 @@ def _feed_can_push(scene: WholeScene) -> None:
     least = catheter.diameter
     if not feed.exit >= least:
         raise fault(
-            f"the guide must hold one diameter of the catheter at least, {1e3 * least:g} mm from"
-            " the base at x = 0",
+            f"the guide must hold at least one diameter of the catheter, {1e3 * least:g} mm from "
+            "the base at x = 0",
             f"write an exit of {1e3 * least:g} mm or more",
             ("effects", "feed", "exit"),
         )
@@ -216,8 +216,14 @@ def _stream_is_steady(scene: WholeScene) -> None:
         )
     if scene.solver.quasi_static is not None:
         raise fault(
-            "drag is no load of equilibria along time: a stream bends single equilibria, or acts in motion",
-            "write `solver: {static: {}}` or `solver: {dynamic: {duration: 0.5 s}}`, or leave the stream out",
+            (
+                "drag is not available in equilibria along time; a stream acts on single "
+                "equilibria and in motion"
+            ),
+            (
+                "write `solver: {static: {}}` or `solver: {dynamic: {duration: 0.5 s}}`, "
+                "or remove the stream"
+            ),
             ("effects", "fluid", key),
         )
     if scene.static and scene.resolution.requested:
@@ -234,8 +240,8 @@ def _segments_turn_alone(scene: WholeScene) -> None:
         np.flatnonzero(rotating(scene)) if scene.effects.magnetic_interaction is not None else ()
     ):
         raise fault(
-            "magnetic_interaction knows only magnetization that stretches with the material",
-            "leave magnetization_law out, or do not name magnetic_interaction",
+            "magnetic_interaction supports only magnetization that stretches with the material",
+            "remove magnetization_law, or do not name magnetic_interaction",
             ("materials", scene.regions()[k].material_name, "magnetization_law"),
         )
 
@@ -353,7 +359,7 @@ def warnings(scene: SceneLike) -> list[str]:
     torque = scene.effects.magnetic_torque
     force = scene.effects.magnetic_force
     if torque is None and force is None and scene.field.acts and magnetized:
-        found.append("effects: magnetic_torque is not named, so the field does nothing")
+        found.append("effects: magnetic_torque is not named, so the field has no effect")
     elif torque is None and force is not None and scene.field.varies:
         found.append(
             "effects: magnetic_torque is not named, so the field pulls the segments but does not"
@@ -368,7 +374,7 @@ def warnings(scene: SceneLike) -> list[str]:
     if shape.magnetized_by_region and any(effect is not None for effect in acting):
         found += _left_unmagnetized(scene)
     if force is not None and not scene.field.varies:
-        found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
+        found.append("effects: magnetic_force has no effect: the field is the same everywhere")
     if not any(effect is not None for _, effect in scene.effects):
         found.append("effects: none is named, so nothing moves")
     frictionless = ["self_contact"]  # along paths, too
@@ -378,8 +384,8 @@ def warnings(scene: SceneLike) -> list[str]:
         effect = getattr(scene.effects, key)
         if effect is not None and most_friction(scene, effect.friction) > 0.0:
             found.append(
-                f"effects.{key}: equilibria leave friction out: the body slides until the push of"
-                f" {key} alone holds it"
+                f"effects.{key}: equilibria ignore friction: the body slides until the normal "
+                f"forces of {key} alone hold it"
             )
     one_grid = dynamic is None and scene.effects.self_contact is None
     own = shape.warnings(scene.resolution.cells_across, one_grid=one_grid)
@@ -392,20 +398,20 @@ def warnings(scene: SceneLike) -> list[str]:
     ):
         gap = f"{1e3 * TOUCHING * shape.length:.2g} mm"
         found.append(
-            "effects.self_contact: all parts touch, and stay joined where faces do; what is to"
-            f" slide needs a gap of over {gap}"
+            "effects.self_contact: all parts touch and stay joined where their faces meet; parts "
+            f"that should slide need a gap of more than {gap}"
         )
     if shape.clamp == "none" and scene.effects.feed is not None:
         found.append(
-            "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and"
-            " pushes it, clamped or not"
+            "body.catheter.clamp: none has no effect here: the guide of feed holds and pushes "
+            "the base, clamped or not"
         )
     if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:
-        found.append("field: its y component does nothing to a strip in plane strain")
+        found.append("field: its y component has no effect on a strip in plane strain")
     if shape.in_plane_strain and gravity is not None and gravity.acceleration[1]:
         found.append(
-            "effects.gravity: the y component of its acceleration does nothing to a strip in plane"
-            " strain"
+            "effects.gravity: the y component of its acceleration has no effect on a strip in "
+            "plane strain"
         )
     used = {region.material_name for region in scene.regions()}
     found += [f"materials: {name} is not used" for name in scene.materials if name not in used]

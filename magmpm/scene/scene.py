@@ -177,7 +177,7 @@ class Scene(Settings):
     )
     field: FieldSource = Field(
         default=FieldSource(),
-        description="The outside magnetic field; none unless given.",
+        description="The external magnetic field; none unless given.",
         examples=[{"uniform": ["0 mT", "6 mT", "8 mT"]}],
     )
     move: Annotated[dict[str, moves.Move], AfterValidator(FrozenDict)] | None = Field(
@@ -191,8 +191,8 @@ class Scene(Settings):
     effects: Annotated[Effects, BeforeValidator(_read_effects), _OrAuto()] = Field(
         default=Effects(),
         description=(
-            "What is simulated; what is not named is not, and costs nothing. auto: the program"
-            " chooses, and says what and why."
+            "The effects to simulate; one that is not named costs nothing. auto: the program "
+            "chooses them, and reports which and why."
         ),
         examples=[{"magnetic_torque": {}}],
     )

@@ -54,4 +54,4 @@ def check() -> None:
     """Called by solvers at each step. Raises TimeOver."""
     for limit in _limits.get():
         if limit.clock() > limit.until:
-            raise TimeOver(f"the time is over: {limit.seconds:g} s were allowed; allow more")
+            raise TimeOver(f"time limit of {limit.seconds:g} s reached; allow more")

@@ -142,10 +142,10 @@ def _at_address(scene: Scene, address: str) -> list[Variable]:
         if not _differentiable(place):
             _refuse(
                 name,
-                "its derivative is not known: it gives the body another shape or grid, or does"
-                " nothing at rest",
-                "ask for `length` or `diameter`, or for numbers of `field`, `effects`, `materials`"
-                " or a magnetization",
+                "it has no derivative: it changes the body's shape or grid, or has no effect at "
+                "rest",
+                "name `length` or `diameter`, or numbers of `field`, `effects`, `materials` or a "
+                "magnetization",
             )
         said = divided(value_at(scene, place, units=True))
         unit = "" if said is None else said[1]
@@ -194,16 +194,16 @@ def check_differentiable(scene: Scene, *, fed: bool = False) -> None:
         raise InputError(
             "solver.dynamic",
             received="a motion",
-            rule="sensitivities are those of an equilibrium",
-            remedy="leave out solver.dynamic, or differentiate runs by differences",
+            rule="sensitivities are computed at an equilibrium",
+            remedy="remove solver.dynamic, or take finite differences of runs",
         )
     fluid = scene.effects.fluid
     if fluid is not None and fluid.flows:
         raise InputError(
             "effects.fluid",
             received="a stream",
-            rule="sensitivities are those of loads that have an energy, and drag has none",
-            remedy="differentiate runs by differences, or leave the stream out",
+            rule="sensitivities need loads that have an energy, and drag has none",
+            remedy="take finite differences of runs, or remove the stream",
         )
     if scene.solver.quasi_static is None:
         return
@@ -218,9 +218,9 @@ def check_differentiable(scene: Scene, *, fed: bool = False) -> None:
                 " here it grows along the path"
             ),
             remedy=(
-                "differentiate what is outside at the end, as `scene.inserted(length)`, in the"
-                " field of that time; with obstacles, or sources of a field, differentiate runs by"
-                " differences"
+                "differentiate what is outside at the end, as `scene.inserted(length)`, in the "
+                "field of that time; with obstacles, or sources of a field, take finite "
+                "differences of runs"
             ),
         )
     for key, effect in scene.effects.named().items():
@@ -236,9 +236,9 @@ def check_differentiable(scene: Scene, *, fed: bool = False) -> None:
                     " alone does not say how the shape answers"
                 ),
                 remedy=(
-                    "differentiate runs by differences (friction is settled to 0.1 % of the grip,"
-                    " so change a variable by some per cent), or write `friction: 0`, also in"
-                    " materials"
+                    "take finite differences of runs (friction is settled to 0.1 % of the grip, "
+                    "so change a variable by some per cent), or write `friction: 0`, also in "
+                    "materials"
                 ),
             )
 

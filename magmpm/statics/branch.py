@@ -185,8 +185,8 @@ class EquilibriumPath:
         found = self._attempt(self.now.time)
         if found is None:
             raise SolveError(
-                "the body slips: with friction there is no equilibrium near; remedy: take more"
-                " steps of a shorter time"
+                "the body slips: with friction there is no equilibrium nearby; remedy: take "
+                "more, shorter steps"
             )
         self.now = replace(found, step=self.now.step)
 
@@ -363,8 +363,8 @@ def outside_domain(model: StaticModel, point: Point) -> SolveError | None:
     depth = 0.0 if point.own is None else float(point.own.depth.max(initial=0.0))
     if depth > model.scene.cell / 2:
         return SolveError(
-            f"the body is {1e3 * depth:.3g} mm inside itself, more than half a cell: it is pressed"
-            " or went through"
+            f"the body is {1e3 * depth:.3g} mm inside itself, more than half a cell: it was "
+            "pressed in or passed through"
         )
     if not model.scene.effects.in_a_field:
         return None

@@ -140,8 +140,9 @@ def solve_static(
     """
     if model.free:
         raise InputError(
-            f"body.{model.scene.body.kind}.clamp: received none; equilibrium needs a body that is"
-            " held somewhere; name a clamp, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
+            f"body.{model.scene.body.kind}.clamp: received none; equilibrium needs a body that is "
+            "held somewhere; name a clamp, or simulate its motion: `solver: {dynamic: "
+            "{duration: 0.5 s}}`"
         )
     model.scene.check_energy()
     body = model.scene.body.shape
@@ -248,8 +249,8 @@ def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError 
     ):  # then it has most likely met its limit
         return None
     text = (
-        f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, and"
-        " it bears no more (Brazier)"
+        f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, "
+        "and it carries no more load (Brazier)"
     )
     return SolveError(f"{text}; thicken the wall, or bend it less ({error.reason})", error.state)
 
@@ -405,7 +406,9 @@ def _near_rod(task: _Task) -> Equilibrium:
     )
     if (distance := _distance(model, found.point, rod)) >= body.branch_distance:
         away = f"it went to one {100 * distance:.2g} % of the length away"
-        raise SolveError(f"the body found no equilibrium near the rod that it began from: {away}")
+        raise SolveError(
+            f"no equilibrium was found near the rod's shape that the solve started from: {away}"
+        )
     return Equilibrium(
         found.point, found.steps, local_correction(model, rod, found.point.grid), [], energy=energy
     )

@@ -171,8 +171,8 @@ class InteractingEnergy:
             p = z + again * p
             Ap = left + again * Ap
         raise SolveError(
-            f"no sensitivities within {MOST_PRODUCTS} conjugate gradients: the equilibrium is too"
-            " near to a critical load"
+            f"sensitivities did not converge in {MOST_PRODUCTS} conjugate-gradient steps: the "
+            "equilibrium is too close to a critical load"
         )
 
 
@@ -235,14 +235,14 @@ def minimize_with_interaction(
                 break
             fraction *= 0.5
             if fraction < LEAST_FRACTION:
-                raise SolveError("no step lowers the energy: the line search gave up", before)
+                raise SolveError("no step lowers the energy: the line search failed", before)
         if (
             point.min_det_F < 1e-3
         ):  # dipoles of neighbors fall onto each other: their energy has no lower bound
             raise Collapsed(
-                "the segments attract each other more strongly than their material can bear, and"
-                f" fall onto each other: det F fell to {point.min_det_F:.2g} (bodies bear it up to"
-                " a Br^2/(mu0 G) of about 1)",
+                "the segments attract each other more strongly than their material can resist, "
+                f"and collapse onto each other: det F fell to {point.min_det_F:.2g} (bodies "
+                "resist up to a Br^2/(mu0 G) of about 1)",
                 before,
             )
         after = energy.residual(point)

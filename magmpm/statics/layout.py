@@ -500,7 +500,7 @@ def _loose(model: Model, mine: NDArray[np.bool_]) -> SceneError:
             "equilibrium needs every part, and every separate solid of a part, to hang on something"
         ),
         remedy=(
-            "move it until it touches the others, or clamp it in a mesh of its own, or let it move:"
-            " `solver: {dynamic: {duration: 0.5 s}}`"
+            "move it until it touches the others, or clamp it in a mesh of its own, or simulate "
+            "the motion: `solver: {dynamic: {duration: 0.5 s}}`"
         ),
     )

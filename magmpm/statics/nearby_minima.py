@@ -137,7 +137,9 @@ class NearbyMinima:
             check(trial)
             point = trial
             mu = max(mu / 4.0, neutral)
-        raise SolveError(f"the body fell for {MOST_FALLING} steps and came to no rest", point)
+        raise SolveError(
+            f"the body did not come to rest within {MOST_FALLING} steps of its fall", point
+        )
 
     def _euler(self, energy: Energy, before: Point, mu: float, longest: float) -> Point | None:
         """The minimum of E + mu/2 |c - c0|^2 near a state c0; None where there is none within `longest` (m)."""

@@ -144,7 +144,7 @@ def minimize(
         ):
             raise _not_found(
                 point,
-                f"after {step} Newton steps, of which the last {STALL} led nowhere",
+                f"after {step} Newton steps, of which the last {STALL} made no progress",
                 decrement / scale,
                 tolerance,
                 _unsettled(energy, direction),
@@ -383,4 +383,4 @@ def _search(
             return trial
         fraction *= 0.5
         if fraction < LEAST_FRACTION:
-            raise SolveError("no step lowers the energy: the line search gave up", point)
+            raise SolveError("no step lowers the energy: the line search failed", point)

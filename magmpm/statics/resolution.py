@@ -217,10 +217,10 @@ def check_possible(scene: Scene) -> None:
             key,
             received=f"{100 * wanted / scene.length:.2g} % of the length",
             rule=(
-                f"equilibria are known to {100 * FLOOR:g} % of the length at best: their solve ends"
-                " there, whatever the grid"
+                f"equilibria are accurate to {100 * FLOOR:g} % of the length at best, the "
+                "tolerance of the solve on any grid"
             ),
-            remedy=f"ask for {100 * FLOOR:g} % or more",
+            remedy=f"request {100 * FLOOR:g} % or more",
         )
 
 
@@ -332,8 +332,8 @@ def _out_of_reach(
             f" GB and {seconds:.2g} s"
         )
     remedy = (
-        f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells"
-        " give"
+        f"request {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells "
+        "give"
     )
     if most > tried:
         remedy += (
@@ -364,9 +364,9 @@ def _on_branches(search: _GridSearch, received: str, failed: str = "") -> SceneE
         f"resolution.{key}",
         received=received,
         rule=(
-            f"the grids must find the same equilibrium: those of {tried} and {proof} cells across"
-            f" are {100 * search.grids.distance_between(tried, proof) / length:.2g} % of the length"
-            " apart, on other branches perhaps"
+            f"the grids must find the same equilibrium: {tried} and {proof} cells across converge "
+            f"to shapes {100 * search.grids.distance_between(tried, proof) / length:.2g} % of the "
+            "length apart, probably different equilibria"
         )
         + (f"; {failed}" if failed else ""),
         remedy=(

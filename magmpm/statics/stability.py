@@ -79,9 +79,9 @@ def on_the_brink(stability: float | None) -> list[str]:
     if stability is None or stability > BRINK:
         return []
     return [
-        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} %"
-        " of the unloaded body's stiffness: it is at a critical load (buckling, turning round) or"
-        " free to turn about an axis, so a small change of the load may move it far"
+        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} % "
+        "of the unloaded body's stiffness: it is at a critical load (buckling, turning around) "
+        "or free to turn about an axis, so a small change of the load may move it far"
     ]
 
 

@@ -57,9 +57,9 @@ def in_stream(
             return replace(last, point=point, steps=steps)
         share *= -float(np.sum(before * change)) / size if size > 0.0 else 1.0
     raise SolveError(
-        f"the stream's drag and the shape that it bends do not settle (the last change was {1e3 * moved:.2g}"
-        " mm): a body may flutter in this stream; simulate its motion, `solver: {dynamic: {duration: 0.5"
-        " s}}`, or make the stream slower",
+        f"drag and bent shape do not converge (the last change was {1e3 * moved:.2g} mm): the "
+        "body may flutter in this stream; simulate its motion, `solver: {dynamic: {duration: "
+        "0.5 s}}`, or make the stream slower",
         point,
     )
 

@@ -221,8 +221,8 @@ def new_matrix(scene: Scene, layout: UnknownsLayout) -> Bands | Sparse:
             ),
             rule=f"at most {MOST_MEMORY / 1e9:g} GB are used",
             remedy=(
-                "make the cells larger, or let the body settle: `solver: {dynamic: {duration: 0.5"
-                " s}}` with damping"
+                "use larger cells, or let the body settle in a motion: `solver: {dynamic: "
+                "{duration: 0.5 s}}` with damping"
             ),
         )
     with memory.for_matrix(scene, needed):

@@ -44,9 +44,9 @@ def missed(scene: Scene, key: str) -> str:
     """A warning of an effect that a scene does not name."""
     share = 100 * scene.allowed_error / scene.length
     return (
-        f"effects: {key} is not named, and {WORDS[key]} may move the answer by more than"
-        f" {share:.2g} % of its length; name it, or write `advice: off` to hear no more of it"
-        " (`magmpm effects` says how much)"
+        f"effects: {key} is not named, and {WORDS[key]} may move the answer by more than "
+        f"{share:.2g} % of its length; name it, or write `advice: off` to silence this warning "
+        "(`magmpm effects` gives the amount)"
     )
 
 

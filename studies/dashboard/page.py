@@ -140,7 +140,7 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
             )
         if method not in ("GET", "HEAD") and not write:
             return refuse(
-                "Nothing is edited or deleted here unless the dashboard was begun with --write."
+                "Nothing is edited or deleted here unless the dashboard was started with --write."
             )
         return app(environ, begin)
 

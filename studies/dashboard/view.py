@@ -269,8 +269,8 @@ class Notes:
             )
         elif not feasible(trial):
             what = (
-                f"{'Refused' if refused(trial) else 'Not solved'}:"
-                f" {attributes.get('reason', 'for a reason that was not told')}."
+                f"{'Refused' if refused(trial) else 'Not solved'}: "
+                f"{attributes.get('reason', 'for an unknown reason')}."
             )
         else:
             rms, tip = (attributes.get(key) for key in ("rms_m", "tip_error_m"))

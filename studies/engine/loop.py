@@ -120,7 +120,7 @@ def run_study(
         study = dataclasses.replace(
             study,
             sampler="tpe",
-            why_sampler="the study names none, and nothing differentiates its solves",
+            why_sampler="the study names none, and its solves have no derivatives",
         )
     advice = check_study(study, workers, time_limit)
     if needs_derivatives(study) and differentiate is None:
@@ -447,8 +447,8 @@ class _Run(StudySession):
                 if not self.shared:
                     raise
                 late = (
-                    "this session was not heard of for long, and another one took up its trial"
-                    " before it had a design"
+                    "this session gave no sign of life for too long, and another one took over "
+                    "its trial before it had a design"
                 )
                 self.session.lost.append(late)
 

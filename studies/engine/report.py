@@ -118,8 +118,8 @@ class StudyReport:
             )
         if self.ended == "exhausted":
             return (
-                f"{done}, and nothing more is to be had: no descent from the rod's designs gets"
-                " better; for others, change `seed`"
+                f"{done}, and the search is exhausted: no descent from the rod's designs gets "
+                "better; for others, change `seed`"
             )
         if self.ended == "trials" or self.best is None or self.stop_rms_m is None:
             return (
@@ -175,9 +175,9 @@ def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
         "",
     )
     return [
-        f"the best design is on the brink: its stability{depth} is {best['stability']:.2g} (1: at"
-        " rest, 0: a critical load), so small errors of body or field may make it snap;"
-        f" `stability: {{margin: {BRINK:g}}}` in the study refuses such designs"
+        f"the best design is nearly unstable: its stability{depth} is {best['stability']:.2g} (1: "
+        "at rest, 0: a critical load), so small errors of body or field may make it snap; "
+        f"`stability: {{margin: {BRINK:g}}}` in the study refuses such designs"
     ]
 
 

@@ -67,7 +67,7 @@ class DatabaseFile:
         if self._could_be_written and not _writable(self.path, now):
             return "made read-only"
         if not self._has_its_log():
-            return f"robbed of its {self.path.name}{LOG[0]}, which has the last trials,"
+            return f"separated from its {self.path.name}{LOG[0]}, which has the last trials,"
         if (now.st_size, now.st_mtime_ns) != (
             self._last.st_size,
             self._last.st_mtime_ns,

@@ -130,13 +130,14 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
     if re.search(r"\b(full|No space left)\b", reason):
         rule = f"the database needs room on its disk ({reason})"
         remedy = (
-            "free room, then run this command again: the finished trials are kept, and it resumes"
+            "free disk space, then run this command again: the finished trials are kept, and "
+            "it resumes"
         )
     elif not is_server(url) and "disk I/O" in reason:
         rule = f"the disk, or a quota on it, does not take what the database writes ({reason})"
         remedy = (
-            "free room or see to the disk, then run this command again: the finished trials are"
-            " kept, and it resumes"
+            "free disk space or check the disk, then run this command again: the finished trials "
+            "are kept, and it resumes"
         )
     elif not is_server(url) and ("locked" in reason or "busy" in reason):
         rule = f"another process has kept it locked for {timeout:g} s"

@@ -150,7 +150,7 @@ def in_memory(parts: URL) -> bool:
 def refuse_memory(parts: URL, url: str) -> None:
     """Raises InputError for a database that would not outlive its process."""
     if parts.get_backend_name() == "sqlite" and in_memory(parts):
-        rule = "a database in memory is gone with its process, and with it all trials"
+        rule = "a database in memory is lost with its process, and all trials with it"
         raise InputError(
             "--storage",
             received=shown_url(url),

@@ -304,10 +304,7 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
 def _conclusions(rungs: Sequence[Rung], others: Sequence[NeighborModel]) -> list[str]:
     """Report what 1 % and 0.1 % cost, and whether the rod would be accurate enough."""
     if len(rungs) == 1 and _error(rungs[0]) is None:
-        return [
-            f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were"
-            " solved."
-        ]
+        return [f"The error is not known: only {rungs[0].cells_across} cells across were solved."]
     said = []
     for wanted in GOALS:
         will_do = [

@@ -242,8 +242,8 @@ class EffectsTable:
                 *lines,
                 *(
                     [
-                        f"  of no matter here: {', '.join(row.effect for row in little)} (--all"
-                        " says why)"
+                        f"  negligible here: {', '.join(row.effect for row in little)} (--all "
+                        "gives the reasons)"
                     ]
                     if little
                     else []

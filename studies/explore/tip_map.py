@@ -51,7 +51,7 @@ MARKS = {  # from the worst to the best
     "failed": "no shape at rest was found",
     "unstable": f"stability at most {BRINK:g}: on the edge of another shape",
     "snapped": "the shape jumps on the way up to this field",
-    "two shapes": "another stable shape exists: history decides",
+    "two shapes": "another stable shape exists: the loading history decides",
     "sure": "one stable shape",
 }
 # of a field's growth; and how much finer where it is not smooth

@@ -130,7 +130,7 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
         raise InputError(
             "--vary",
             received=", ".join(found),
-            rule="one number is there by two names",
+            rule="one number has two names",
             remedy="leave one of them out",
         )
     return tuple(found.values())

@@ -76,7 +76,7 @@ def check_identifiable(
     *others, last = [_plain(c) for c in involved]
     each = f"{', '.join(others)} and {last}" if others else last
     words = {"curve": "points", "several": "readings"}.get(measured.kind, measured.kind)
-    rule = f"these {words} do not {'determine ' + each if one else 'tell ' + each + ' apart'}: "
+    rule = f"these {words} do not {'determine ' + each if one else 'separate ' + each}: "
     if structural:
         rule += (
             f"{'it' if one else 'they'} can change{'' if one else ' together'} without moving any"
@@ -88,11 +88,11 @@ def check_identifiable(
             " within the errors of measurement"
         )
     if said:
-        rule += f"; what they do tell: {'; '.join(said)}"
+        rule += f"; what they determine: {'; '.join(said)}"
     if rms > 0.02 * scene.length:  # no noise of a measurement
         rule += (
-            f"; the scene is {1e3 * rms:.3g} mm (rms) from what was measured, so look first whether"
-            " it names all that acted there"
+            f"; the scene is {1e3 * rms:.3g} mm (rms) from what was measured, so check first "
+            "whether it names everything that acted in the experiment"
         )
     fewer = _fewer(constants, slopes, quantile, len(kept))
     loads = [c.name for c in involved if c.kind in ("remanence", "density")]

@@ -53,10 +53,9 @@ class Suspect:
         ]
         own = len(self.constants) - (len(self.x) - len(self.errors))
         return (
-            f"{self.name} ({', '.join(parts[own:])}) explains the residuals better than chance does"
-            f" (F-test, probability that chance does as well {self.probability:.1g}), with"
-            f" {', '.join(parts[:own])}: the scene lacks this or the like; intervals hold both"
-            " answers"
+            f"{self.name} ({', '.join(parts[own:])}) explains the residuals better than chance "
+            f"(F-test, p = {self.probability:.1g}), with {', '.join(parts[:own])}: the scene "
+            "lacks this or something similar; the intervals cover both fits"
         )
 
     def widened(self, intervals: Sequence[Interval], level: float) -> list[Interval]:
@@ -222,8 +221,8 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measurements) 
         return []
     more = f" and {len(odd) - 5} more" if len(odd) > 5 else ""
     return [
-        f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what"
-        " else could have acted there"
+        f"outliers, in standard errors: {'; '.join(odd[:5])}{more}: check these readings, and "
+        "what else could have acted"
     ]
 
 

@@ -234,29 +234,19 @@ def _exact(found: Fit) -> str:
     if found.suspects is None:
         return words
     if not found.suspects:
-        return f"{words}; too few numbers to ask whether that fails"
+        return f"{words}; too few readings to test this"
     first = found.suspects[0]
     return (
-        f"{words}; of {len(found.suspects)} suspects {first.name} explains most of the residuals"
-        f" (by chance: {first.probability:.2g})"
+        f"{words}; of {len(found.suspects)} suspects {first.name} explains most of the residuals "
+        f"(p = {first.probability:.2g})"
     )
 
 
 def _method(found: Fit) -> str:
-    methods = {one.method for one in found.constants}
-    quantile = (
-        "normal quantile (noise given)"
-        if found.noise == "given"
-        else "Student's t (noise from the residuals)"
-    )
-    if methods & {"widened", "withheld"}:
-        return (
-            f"{' and '.join(sorted(methods))}: something taken as exact explains the residuals"
-            " better than chance does, see the warning"
-        )
-    if methods == {"linear"}:
-        return f"linear, {quantile}; the sum of squares is a parabola there to 10 %"
-    return f"profile likelihood where the sum of squares is no parabola, {quantile}"
+    """Ways in which the intervals were found."""
+    methods = " and ".join(sorted({one.method for one in found.constants}))
+    quantile = "normal quantile" if found.noise == "given" else "Student's t"
+    return f"{methods}, {quantile}"
 
 
 def residuals_table(found: Fit, half: Array | None = None) -> str:

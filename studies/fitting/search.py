@@ -270,7 +270,7 @@ def _on_one_grid(scene: Scene) -> Scene:
     """The scene on the cells that its resolution requests. Raises InputError where effects are still to be chosen."""
     if scene.effects.auto:
         rule = "a fit compares runs with the same effects"
-        remedy = "name those that `magmpm run` tells it has chosen"
+        remedy = "name those that `magmpm run` reports as chosen"
         raise InputError("effects", received="auto", rule=rule, remedy=remedy)
     if not scene.resolution.requested:
         return scene
@@ -288,7 +288,7 @@ def _check_counts(
     """Raises InputError where there are fewer numbers than constants, or too few to tell the noise."""
     if measured.has_angles and angle_noise is None and not measured.angles_alone:
         rule = "angles and lengths are weighed by their errors"
-        remedy = 'say how exact an angle is: --angle-noise "1 deg"'
+        remedy = 'give the error of an angle: --angle-noise "1 deg"'
         raise InputError("--angle-noise", received="nothing", rule=rule, remedy=remedy)
     unknown = sum(constant.known is None for constant in constants)
     if measured.numbers < unknown:
@@ -301,10 +301,10 @@ def _check_counts(
             remedy="measure more, or --vary fewer",
         )
     if measured.numbers == unknown and (angle_noise if measured.angles_alone else noise) is None:
-        rule = "as many numbers as constants leave nothing to tell the errors of measurement by"
+        rule = "with as many readings as constants the errors of measurement can't be estimated"
         received = f"{measured.numbers} number{'s' * (measured.numbers != 1)}"
         raise InputError(
-            measured.named, received=received, rule=rule, remedy='say it: --noise "0.2 mm"'
+            measured.named, received=received, rule=rule, remedy='give it: --noise "0.2 mm"'
         )
 
 

@@ -222,7 +222,7 @@ def read_split(
     for column, value in chosen:
         if (column, value) not in met:
             remedy = f"{column} is one of {', '.join(sorted(cells[column])[:12])}"
-            rule = f"each value must stand in its column: no row has {column} = {value!r}"
+            rule = f"each value must appear in its column: no row has {column} = {value!r}"
             raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
     known = [
         table
@@ -230,7 +230,7 @@ def read_split(
         if table.states
     ]
     if not known:
-        rule = "some rows must be left to fit, and these are all"
+        rule = "some rows must remain for the fit, and these are all"
         remedy = "hold out fewer values"
         raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
     return together(known), together(left)
@@ -355,7 +355,7 @@ def _columns(header: CsvLine) -> list[_Column]:
             raise _unknown(header, title)
         if quantity in (column.quantity for column in found):
             raise header.error(
-                f"a column may stand once, and {quantity} stands twice",
+                f"each column may appear once, and {quantity} appears twice",
                 "remove one of the two",
                 title,
             )
@@ -444,7 +444,7 @@ def _fit_together(header: CsvLine, named: set[str], scene: Scene, kind: str) -> 
         )
     if fields and scene.in_time:
         raise header.error(
-            "along time the field is the scene's own",
+            "in runs along time the scene sets the field",
             "write the field's schedule in the scene, and remove the columns",
         )
     check_apparatus(header, named, scene)
@@ -495,7 +495,7 @@ def _row(
     ):
         if quantity in named and quantity not in values:
             title = next(column.title for column in columns if column.quantity == quantity)
-            rule = f"{title} says where, when or under what a reading was taken; it can't be empty"
+            rule = f"{title} identifies a reading; it can't be empty"
             raise line.error(rule, "fill it in, or remove the row", f"{title} empty")
     measured = [name for name in values if name in AXES or name.startswith("tip_")]
     if not measured or (kind == "curve" and len(measured) < len(named & set(AXES))):

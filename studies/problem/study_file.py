@@ -74,7 +74,7 @@ class Stop(Settings):
     """Condition under which a study is done before its last trial."""
 
     rms: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
-        description="Root mean square distance to the target that is good enough.",
+        description="Root mean square distance to the target at which the study ends.",
         examples=["2 mm"],
     )
 
@@ -159,7 +159,7 @@ class Robust(Settings):
     def _something(self) -> Robust:
         if not any((self.direction, self.remanence, self.shear_modulus)):
             raise fault(
-                "robust must name an error that is not zero",
+                "robust must have an error that is not zero",
                 "write, say, `robust: {direction: 5 deg}`",
             )
         return self
@@ -279,7 +279,7 @@ class StudyFile(Settings):
         strict=True,
         ge=1,
         le=MOST_TRIALS,
-        description="Trials in all; 35 unless given.",
+        description="Total number of trials; 35 unless given.",
         examples=[35],
     )
     sampler: Annotated[
@@ -377,7 +377,7 @@ class StudyFile(Settings):
                 place,
             )
         if self.schedule is not None and at != "each time":
-            rule = "a schedule varies the field at each time: that is what it is"
+            rule = "a schedule varies the field at each time"
             return rule, "write `field: {max: 10 mT, at: each time}` in `vary`", ("vary",)
         for key, called in (("insertion", "an insertion"), ("schedule", "a schedule")):
             if self.robust is not None and getattr(self, key) is not None:

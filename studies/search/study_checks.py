@@ -77,8 +77,8 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
         remedy = "give the strip `segments`"
     elif scene.effects.magnetic_torque is None:
         rule = (
-            "the scene of a study must name the effect magnetic_torque: without it, magnets do"
-            " nothing"
+            "the scene of a study must name the effect magnetic_torque: without it, magnets have "
+            "no effect"
         )
         remedy = "add `effects: {magnetic_torque: {}}` to the scene"
     elif not scene.magnetized_regions():

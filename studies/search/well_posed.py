@@ -71,10 +71,10 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
         raise InputError(f"{study.path}: vary", received=received, rule=rule, remedy=remedy)
     if found.seen < found.freedom:
         return [
-            f"vary: {found.freedom} numbers vary, and {_compared_with(study)} tell {found.seen}"
-            " combinations of them apart (by the rod: the others move the shape by less than"
-            f" {1e6 * SEEN * length:.2g} um). So many designs fit alike, and which one is found is"
-            " left to chance; give the target more points, or vary less"
+            f"vary: {found.freedom} numbers vary, but {_compared_with(study)} distinguish only "
+            f"{found.seen} combinations of them (for the rod, the others move the shape by less "
+            f"than {1e6 * SEEN * length:.2g} um). Many designs then fit equally well, and which "
+            "one is found is left to chance; give the target more points, or vary less"
         ]
     return []
 

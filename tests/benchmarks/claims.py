@@ -102,8 +102,10 @@ class Place:
 
     @property
     def pattern(self) -> re.Pattern[str]:
+        """The text with any figures, and with its lines broken anywhere."""
         parts = re.split(r"\{[^}]*\}", self.text)
-        return re.compile(f"({FIGURE})".join(re.escape(part) for part in parts))
+        text = f"({FIGURE})".join(re.escape(part) for part in parts)
+        return re.compile(re.sub(r"\\\s", r"\\s+", text))
 
     def found(self, root: Path = ROOT) -> re.Match[str]:
         """Its match on the page. Raises ValueError unless it is there exactly once."""
@@ -147,7 +149,7 @@ def places(name: str, group: Mapping[str, Any]) -> Iterator[Place]:
 
 
 def accuracy() -> Figures:
-    """The cell sizes in the table of the README; errors in % of L."""
+    """The cell sizes on the page about accuracy; errors in % of L."""
     found: Figures = {}
     for rung in _ladder()["rungs"]:
         n = rung["cells_across"]

@@ -7,6 +7,7 @@ import ast
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -18,7 +19,7 @@ import pytest
 from page_steps import PAGES, ROOT, Step, blocks, plan, steps
 from reference.commands import environment
 
-from magmpm.cli.arguments import parser
+from magmpm.cli.arguments import AFTER, COMMANDS, parser
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.scene import Scene, load_scene
@@ -155,6 +156,24 @@ def test_commands_can_be_typed(page: Path, capsys: pytest.CaptureFixture[str]) -
                 assert (ROOT / word).exists(), f"line {step.line}: {word}"
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_examples_of_help_can_be_typed(command: str) -> None:
+    """Each begins with its own command, and has its arguments."""
+    for line in COMMANDS[command].examples.splitlines():
+        typed = shlex.split(line)
+        assert typed[:2] == ["magmpm", command]
+        parser().parse_args(typed[1:])
+
+
+def test_examples_of_the_first_help_can_be_typed() -> None:
+    lines = [line for line in AFTER.splitlines() if line.startswith("  magmpm ")]
+    assert len(lines) == 4
+    for line in lines:
+        words, what = re.split(r"  +", line.strip())
+        parser().parse_args(words.split()[1:])
+        assert what
+
+
 def follow(
     page: Path, folder: Path, python: str = sys.executable, *options: str
 ) -> subprocess.CompletedProcess[str]:
@@ -273,3 +292,63 @@ def test_all_of_it_runs(tmp_path: Path) -> None:
             check=False,
         )
         assert ran.returncode == 0, ran.stderr[-3000:]
+
+
+# docs/troubleshooting.md quotes what the program says; tables hold numbers and phrases, not paragraphs
+
+
+QUOTED = re.compile(r"\*\*`(.+?)`\*\*", re.DOTALL)
+MOST_WORDS = 40  # of a cell: about two lines of a table of three columns
+
+
+def said(path: Path) -> list[str]:
+    """Texts of a module, each in one line, with a tab for what is put into it as it runs."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        pieces = node.values if isinstance(node, ast.JoinedStr) else [node]
+        texts = [piece.value if isinstance(piece, ast.Constant) else "\t" for piece in pieces]
+        if all(isinstance(text, str) for text in texts):
+            found.append("".join(texts).replace("\n", " "))
+    return found
+
+
+def quoted(page: Path) -> list[str]:
+    """Messages on a page, with their lines joined: `...` stands for what the program puts there."""
+    return [" ".join(text.split()) for text in QUOTED.findall(page.read_text(encoding="utf-8"))]
+
+
+def unsaid(messages: list[str], texts: str) -> list[str]:
+    """Messages that none of these texts, one a line, can have said."""
+
+    def pattern(message: str) -> str:
+        return ".*".join(re.escape(part.strip()) for part in message.split("..."))
+
+    return [message for message in messages if not re.search(pattern(message), texts)]
+
+
+def test_troubleshooting_quotes_what_the_program_says() -> None:
+    texts = [(ROOT / "Makefile").read_text(encoding="utf-8")]
+    for package in ("magmpm", "studies", "viz"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            texts += said(path)
+    messages = quoted(ROOT / "docs/troubleshooting.md")
+    assert len(messages) > 30
+    assert unsaid(messages, "\n".join(texts)) == []
+    assert unsaid(["the moon is ... far"], "\n".join(texts)) == ["the moon is ... far"]
+
+
+def long_cells(text: str) -> list[str]:
+    """Cells of a page's tables with more than MOST_WORDS words."""
+    rows = [line.strip().strip("|") for line in text.splitlines() if line.startswith("|")]
+    cells = [cell.strip() for row in rows for cell in re.split(r"(?<!\\)\|", row)]
+    return [cell for cell in cells if len(cell.split()) > MOST_WORDS]
+
+
+@pytest.mark.parametrize("page", [*PAGES, *sorted((ROOT / "docs").glob("*/*.md"))], ids=name)
+def test_cells_of_tables_are_short(page: Path) -> None:
+    assert long_cells(page.read_text(encoding="utf-8")) == []
+
+
+def test_a_long_cell_is_found() -> None:
+    assert long_cells("| a | " + "word " * 41 + "|\n| --- | --- |") == [" ".join(["word"] * 41)]
+    assert long_cells("| a | " + "word " * 40 + "|") == []

@@ -114,7 +114,7 @@ CASES = [
     BadStudy("an objective there is not", ("trials: 35", "minimize: [rms, beauty]\ntrials: 35"), ("minimize[1]: received \"beauty\"", "largest_field")),
     BadStudy("robust against nothing", ("trials: 35", "robust: {}\ntrials: 35"), ("study.yaml:7: robust", "an error that is not zero")),
     BadStudy("percentage without a sign", ("trials: 35", "robust: {remanence: 5}\ntrials: 35"), ("robust.remanence: received 5", "a percentage needs a unit")),
-    BadStudy("percentage in degrees", ("trials: 35", "robust: {remanence: 5 deg}\ntrials: 35"), ("robust.remanence", "a percentage is due here")),
+    BadStudy("percentage in degrees", ("trials: 35", "robust: {remanence: 5 deg}\ntrials: 35"), ("robust.remanence", "a percentage is expected here")),
     BadStudy("all of the remanence", ("trials: 35", "robust: {remanence: 100 %}\ntrials: 35"), ("robust.remanence", "at most 50 %")),
     BadStudy("margin of more than all", ("trials: 35", "stability: {margin: 1.5}\ntrials: 35"), ("stability.margin: received 1.5", "less than 1")),
     BadStudy("limits of nothing", ("trials: 35", "limits: {}\ntrials: 35"), ("study.yaml:7: limits", "must limit something")),

@@ -93,11 +93,11 @@ ASSEMBLIES = [
     edit("a triangle twice", "mesh: arm.stl", "mesh: doubled.stl", "body.parts.meshes[1].mesh", '"doubled.stl"', "1 of this one stands again, the first near (0, ", "Remove Duplicate Faces"),
     edit("a triangle twice, facing back", "mesh: arm.stl", "mesh: back.stl", "body.parts.meshes[1].mesh", '"back.stl"', "at 3 edges of this one there is one too many", "remove the triangle that belongs to no solid"),
     edit("a number that is none", "mesh: arm.stl", "mesh: spoilt.stl", "body.parts.meshes[1].mesh", '"spoilt.stl"', "every coordinate must be a number, and this file has '3.5.1'", "export the part again"),
-    edit("a mesh of meters", "mesh: arm.stl", "mesh: meters.stl", "body.parts.meshes[1].mesh", '"meters.stl"', "meters is 0.001 mm", "all of it is 3 µm long", "is its file in m? Then it is 3 mm long: export it in mm"),
+    edit("a mesh of meters", "mesh: arm.stl", "mesh: meters.stl", "body.parts.meshes[1].mesh", '"meters.stl"', "meters is 0.001 mm", "all of it is 3 µm long", "is its file in m? It would then be 3 mm long: export it in mm"),
     edit("an inverted mesh", "mesh: arm.stl", "mesh: inverted.stl", "body.parts.meshes[1].mesh", '"inverted.stl"', "its volume is negative", "flip the normals"),
     edit("a mesh of two minds", "mesh: arm.stl", "mesh: mixed.stl", "body.parts.meshes[1].mesh", '"mixed.stl"', "face opposite ways", "consistent"),
     edit("a piece inverted", "mesh: arm.stl", "mesh: pieces.stl", "body.parts.meshes[1].mesh", '"pieces.stl"', "2 shells: shell 2 of volume 1 faces inward", "flip the normals of what is inverted"),
-    edit("a surface that crosses itself", "mesh: arm.stl", "mesh: crossed.stl", "body.parts.meshes[1].mesh", '"crossed.stl"', "must not cross itself", "counts twice", "unite what overlaps"),
+    edit("a surface that crosses itself", "mesh: arm.stl", "mesh: crossed.stl", "body.parts.meshes[1].mesh", '"crossed.stl"', "must not cross itself", "counts twice", "merge overlapping solids"),
     edit("no mass", "mesh: arm.stl", "mesh: flat.stl", "body.parts.meshes[1].mesh", '"flat.stl"', "no mass", "export the solid part"),
     edit("corners beyond all numbers", "mesh: arm.stl", "mesh: absurd.stl", "body.parts.meshes[1].mesh", '"absurd.stl"', "at most 1e+08 in the file's unit, and this mesh has one of 1e+30", "export the part again"),
     edit("a mesh of kilometres", "mesh: arm.stl", "mesh: town.stl", "body.parts.meshes[1].mesh", '"town.stl"', "at most 10 m, and this mesh reaches to 3e+03 m", "check the unit (mm)"),
@@ -105,12 +105,12 @@ ASSEMBLIES = [
     edit("an overlap", "mesh: arm.stl", "mesh: shifted.stl", "body.parts.meshes[1].mesh", '"shifted.stl"', "must not overlap", "shifted shares 0.5 mm^3 with base, 50 % of the smaller"),
     edit("a thin part", "mesh: arm.stl", "mesh: sheet.stl", "body.parts.spacing", '"0.5 mm"', "sheet is 0.2 mm, 0.4 cells of 0.5 mm", "at most `spacing: 0.1 mm`", line=7),
     edit("nothing held, in equilibrium", ", clamp: true", "", "body.parts.meshes", "[", "equilibrium needs a body that is held", line=8),
-    edit("nothing free", "magnetization: [1, 0, 0]", "magnetization: [1, 0, 0], clamp: true", "body.parts.meshes", "[", "one part at least must be free", line=8),
+    edit("nothing free", "magnetization: [1, 0, 0]", "magnetization: [1, 0, 0], clamp: true", "body.parts.meshes", "[", "at least one part must be free", line=8),
     edit("a tip that is held", "    spacing: 0.5 mm\n", "    spacing: 0.5 mm\n    tip: base\n", "body.parts.tip", '"base"', "must be a part that moves: arm", "write a point", line=8),
     edit("a tip of another name", "    spacing: 0.5 mm\n", "    spacing: 0.5 mm\n    tip: arms\n", "body.parts.tip", '"arms"', "the name of a part that moves: arm", 'did you mean "arm"?', line=8),
     edit("a tip in the air", "    spacing: 0.5 mm\n", "    spacing: 0.5 mm\n    tip: [4 mm, 0.5 mm, 0.5 mm]\n", "body.parts.tip", '["4 mm", "0.5 mm", "0.5 mm"]', "this is 1 mm away from arm", "as the STL files have them", line=8),
     edit("a tip without units", "    spacing: 0.5 mm\n", "    spacing: 0.5 mm\n    tip: [3 mm, 0.5 mm, 0.5]\n", "body.parts.tip[2]", "0.5", "a length needs a unit", line=8),
-    edit("the error of no tip", "effects: {magnetic_torque: {}}\n", "effects: {magnetic_torque: {}}\nresolution: {error: 1 %, of: tip}\n", "resolution.of", '"tip"', "parts have no tip unless it is named", "say `tip: arm` in body.parts", line=13),
+    edit("the error of no tip", "effects: {magnetic_torque: {}}\n", "effects: {magnetic_torque: {}}\nresolution: {error: 1 %, of: tip}\n", "resolution.of", '"tip"', "parts have no tip unless the scene names it", "say `tip: arm` in body.parts", line=13),
     edit("held perhaps", "clamp: true", "clamp: perhaps", "body.parts.meshes[0].clamp", '"perhaps"', "must be true or false"),
 ]
 # fmt: on
@@ -203,7 +203,7 @@ def test_a_part_far_from_the_others_is_refused_before_the_run(
     assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err
     assert "the box around all parts" in message
-    assert "check units and places of the parts" in message
+    assert "check the units and positions of the parts" in message
 
 
 # Errors found only when the body is built are refused like those found during loading: file, line, key, value, rule, remedy
@@ -231,14 +231,14 @@ TURNING = (
             FIELD,
             "ground: {point: [0 mm, 0 mm, 1 mm]}",
             '9: effects.ground: received {"point": ["0 mm", "0 mm", "1 mm"]}; ',
-            ("the body begins 3 mm inside", "just touching", "away from the body"),
+            ("initial overlap of 3 mm with the ground", "just touching", "away from the body"),
         ),
         (
             FIELD,
             TUBE,
             '9: effects.walls: received {"tube": {"radius": "3 mm"',
             (
-                "outside the lumen, farthest with segment 1 (body.catheter.segments[0]), at (",
+                "outside the lumen, farthest in segment 1 (body.catheter.segments[0]), at (",
                 "make the lumen wider",
             ),
         ),

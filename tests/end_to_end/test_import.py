@@ -224,7 +224,7 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
     ),
     "all fixed": (
         {"segments": [{**s, "fixed": True} for s in SEGMENTS]},
-        ["one segment at least must be free"],
+        ["at least one segment must be free"],
     ),
     "count": ({"n_segments": 4}, ["n_segments: received 4", "there are 3"]),
     "unknown key": ({"colour": "red"}, ["colour", "remove"]),

@@ -134,7 +134,7 @@ def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told) -> 
         (
             "2 ms, output_every: 1 ms",
             "4 ms, output_every: 2 ms",
-            "its duration alone may be longer, and its budgets",
+            "only its duration may be longer, and its budgets",
         ),
     ],
 )

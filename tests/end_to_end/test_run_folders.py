@@ -241,7 +241,7 @@ def test_a_failed_equilibrium_keeps_what_was_there(run, told) -> None:
     run(
         FAILING,
         status=3,
-        says=f"the last good state is in {failed}; the results in {OUT} are as they were",
+        says=f"the last good state is in {failed}; the earlier results in {OUT} are unchanged",
     )
     after = files(OUT)
     assert {name: after.get(name) for name in before} == before
@@ -259,7 +259,7 @@ def test_a_motion_that_fails_keeps_what_was_there(run) -> None:
     run(
         WILD,
         status=3,
-        says=f"the last good state is in {OUT / FAILED}; the results in {OUT} are as they were",
+        says=f"the last good state is in {OUT / FAILED}; the earlier results in {OUT} are unchanged",
     )
     after = files(OUT)
     assert {name: after.get(name) for name in before} == before
@@ -373,7 +373,7 @@ def test_a_time_that_is_refused_or_stopped_keeps_a_motion_that_waits_beside_earl
         "--time-limit",
         "200",
         status=3,
-        says="with resolution.seconds begins at the start",
+        says="with resolution.seconds starts over",
     )
     assert not Result.load(OUT / FAILED).converged
     assert not (OUT / FAILED / MOTION).exists()
@@ -392,7 +392,7 @@ def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_re
     before = files(OUT)
     said = run(TIMED, "--time-limit", "200", status=3).err
     assert "--resume" not in said
-    assert "earlier results are in" not in said
+    assert "earlier results are kept in" not in said
     saved = OUT / FAILED if first else OUT
     assert not Result.load(saved).converged
     assert not (saved / CHECKPOINT).exists()

@@ -100,7 +100,7 @@ def test_wrong_columns(text: str, words: str, tmp_path: Path) -> None:
         ("series=a,d", "no row has series = 'd'"),
         ("series=a,series=d", "no row has series = 'd'"),
         ("phi=1", "the columns are series"),
-        ("series=a,b,phi=1", "some rows must be left to fit"),
+        ("series=a,b,phi=1", "some rows must remain for the fit"),
         ("series=a,", "COLUMN=VALUE"),
     ],
 )

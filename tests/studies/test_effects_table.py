@@ -50,8 +50,8 @@ def test_every_effect_has_its_row() -> None:
     assert {row.effect for row in table.effects if row.advice != "irrelevant"} <= {
         row.effect for row in rows
     }
-    assert "of no matter here: " in table.text()
-    assert "of no matter here: " not in table.text(every=True)
+    assert "negligible here: " in table.text()
+    assert "negligible here: " not in table.text(every=True)
 
 
 @pytest.mark.parametrize("resolution", [{"error": 0.001}, {"seconds": 2.0}])
@@ -203,7 +203,7 @@ def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, told) -> None:
     )
     says = (
         f"{path}:8: effects.walls: ",
-        "the body begins outside the lumen, before an open end of its tube",
+        "the body starts outside the lumen, before an open end of its tube",
     )
     for command in (["effects", path, "--quick"], ["run", path, "--out", tmp_path / "out"]):
         assert told(*command, status=2, says=says).out == ""

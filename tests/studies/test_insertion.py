@@ -424,7 +424,7 @@ def test_an_insertion_ends_when_only_other_branches_are_left(tmp_path):
     report = magmpm.design(study, folder=tmp_path)
     assert report.ended == "exhausted"
     assert 2 <= report.trials < 20
-    assert "nothing more is to be had" in report.why
+    assert "the search is exhausted" in report.why
     assert report.best["rms_m"] < 0.01 * study.scene.length
     again = magmpm.design(study, folder=tmp_path)
     assert (again.ended, again.trials) == ("exhausted", report.trials)

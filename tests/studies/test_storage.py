@@ -132,25 +132,25 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
             InputError,
             (
                 "--storage: received sqlite:///:memory:",
-                "gone with its process",
+                "lost with its process",
                 "sqlite:///study.db",
             ),
         ),
-        ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
+        ("sqlite://", InputError, ("--storage: received sqlite://", "lost with its process")),
         (
             "sqlite:///file:x?mode=memory&uri=true",
             InputError,
-            ("--storage: received sqlite:///file:x?", "gone with its process"),
+            ("--storage: received sqlite:///file:x?", "lost with its process"),
         ),
         (
             "sqlite:///file::memory:?cache=shared&uri=true",
             InputError,
-            ("--storage: received sqlite:///file:", "gone with its process"),
+            ("--storage: received sqlite:///file:", "lost with its process"),
         ),
         (
             "sqlite:///file:/x?vfs=memdb&uri=true",
             InputError,
-            ("--storage: received sqlite:///file:", "gone with its process"),
+            ("--storage: received sqlite:///file:", "lost with its process"),
         ),
         ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
         (
@@ -216,7 +216,7 @@ def test_a_database_in_memory_is_refused_in_a_folder_that_has_designs_too(
 ) -> None:
     """No file can be missing, because such a database has none."""
     run(tmp_path, trials=1)
-    with pytest.raises(InputError, match="gone with its process"):
+    with pytest.raises(InputError, match="lost with its process"):
         run(tmp_path, storage=url)
 
 
@@ -352,7 +352,7 @@ def test_a_database_without_room_keeps_the_trials(
     for part in (
         "study.db",
         "database or disk is full",
-        "free room",
+        "free disk space",
         "the finished trials are kept",
         "it resumes",
     ):

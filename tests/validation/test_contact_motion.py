@@ -339,7 +339,7 @@ def test_feed_holds_a_base_that_is_not_clamped_and_says_so() -> None:
         for text in clamped.warnings() + moving_scene(free, {"gravity": {}}).warnings()
     )
     assert [text for text in loose.warnings() if "clamp" in text] == [
-        "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes"
+        "body.catheter.clamp: none has no effect here: the guide of feed holds the base and pushes"
         " it, clamped or not"
     ]
     (one,), (two,) = (follow(build(scene), [0.2e-3]) for scene in (clamped, loose))

@@ -177,9 +177,9 @@ def importances(facts: Mapping[str, Any]) -> Markup:
     words = (
         f"Shares by PED-ANOVA over {shares['trials']} trials: how differently the best tenth lies"
         " along each parameter, compared with all. "
-        + ("With so few trials they are a hint, no more. " if shares["trials"] < 50 else "")
+        + ("With so few trials they are only a hint. " if shares["trials"] < 50 else "")
         + (f"{left} more parameters have less. " if left else "")
-        + "What a change of the best design does to the tip stands in its tolerances."
+        + "The tolerances of the best design say how each change moves the tip."
     )
     return wide(tag("table", tag("tbody", *body), class_="bars")) + tag("p", words, class_="note")
 

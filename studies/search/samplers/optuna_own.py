@@ -61,7 +61,7 @@ class DataOnlyCmaEsSampler(CmaEsSampler):
                 ).load()
             except Exception as error:  # a damaged pickle raises a dozen kinds
                 rule = "the state of cmaes must be as Optuna wrote it"
-                remedy = "take up the study with another sampler, say, --sampler tpe"
+                remedy = "continue the study with another sampler, such as --sampler tpe"
                 place = f"the study's database: trial {trial.number}: {key}"
                 raise InputError(
                     place,

@@ -178,7 +178,7 @@ def test_gravity_across_a_plane_strain_strip_is_warned_of(
         gravity={"acceleration": [0.0, y, -1.0]}
     )
     assert [text for text in scene.warnings() if "gravity" in text] == [
-        "effects.gravity: the y component of its acceleration does nothing to a strip in plane"
+        "effects.gravity: the y component of its acceleration has no effect on a strip in plane"
         " strain"
     ] * warned
 

@@ -153,10 +153,10 @@ APART = box((6, 0, 0), (9, 3, 3))
             together(BLOCK, APART, inverted=(1,)),
             r"has 2 shells: shell 2 of volume 27 faces inward and is no cavity.*flip the normals",
         ),
-        (together(BLOCK, BLOCK), "12 of this one stand again.*remove the doubled solid"),
+        (together(BLOCK, BLOCK), "12 of this one appear again.*remove the duplicate solid"),
         (
             together(box((0, 0, 0), (10, 2, 2)), box((4, -4, 0), (6, 6, 2))),
-            "2 shells: shell 1 of volume 40 and shell 2 of volume 40 share 8 .*unite",
+            "2 shells: shell 1 of volume 40 and shell 2 of volume 40 share 8 .*merge",
         ),
         (
             together(box((0, 0, 0), (6, 2, 2)), box((4, 0, 0), (9, 2, 2))),
@@ -166,14 +166,14 @@ APART = box((6, 0, 0), (9, 3, 3))
         (together(BLOCK, ball((2, 2, 2), 1)), "lies in the material of another"),
         (
             together(BLOCK, other_diagonals(BLOCK)),
-            "solids overlap or one is inverted.*unite what overlaps",
+            "solids overlap or one is inverted.*merge overlapping solids",
         ),
         (
             together(BLOCK, other_diagonals(box((0, 0, 0), (4, 4, 9)))),
             "solids overlap or one is inverted",
         ),
         (together(BLOCK, turned(BLOCK, (0, 0, 1), np.pi / 2)), None),
-        (together(BLOCK, SMALL, SMALL, inverted=(1, 2)), "stand again"),
+        (together(BLOCK, SMALL, SMALL, inverted=(1, 2)), "appear again"),
         (
             together(BLOCK, box((3, 1, 1), (5, 3, 3)), inverted=(1,)),
             "shell 1 of volume 64 and shell 2 of volume 8 share 4",

@@ -161,7 +161,7 @@ def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: st
             )
         )
     found = re.search(
-        rf"inside {inside}, deepest with segment 3 \(body.catheter.segments\[2\]\), at"
+        rf"initial overlap of .* mm with {inside} in segment 3 \(body.catheter.segments\[2\]\), at"
         r" \(([^)]*)\) mm",
         str(caught.value),
     )
@@ -183,7 +183,7 @@ def test_a_body_may_begin_just_touching_its_tube() -> None:
     with pytest.raises(
         InputError,
         match=(
-            r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider"
+            r"effects.walls: initial overlap of 0\.\d+ mm with the wall in.*\n.*\n.*remedy: make the lumen wider"
         ),
     ):
         build(scene(walls=tube("1.4 mm")))
@@ -206,7 +206,7 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
     pushes = MASS * contact.stiffness_of(model.scene, 1.0) * 0.2e-3
     np.testing.assert_allclose(told[1]["force"], [0, 0, -pushes], rtol=0, atol=0.02 * pushes)
     np.testing.assert_allclose(told[2]["force"], [0, pushes, 0], rtol=0, atol=0.02 * pushes)
-    with pytest.raises(InputError, match=r"the body begins .*outside the lumen"):
+    with pytest.raises(InputError, match=r"the body starts .*outside the lumen"):
         build(scene(walls=lumen("um")))
 
 

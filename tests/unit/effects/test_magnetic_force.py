@@ -120,7 +120,7 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
 def test_a_uniform_field_does_not_pull() -> None:
     scene = rod_scene(length=8e-3, field=(1e-3, 0, 2e-3)).with_effects(magnetic_force={})
     assert [record.dtype for record in effects.collect(scene)[::2]] == [magnetic_torque.DTYPE]
-    assert any("magnetic_force does nothing" in text for text in scene.warnings())
+    assert any("magnetic_force has no effect" in text for text in scene.warnings())
 
 
 def test_records_over_time() -> None:
@@ -151,7 +151,7 @@ def test_equilibrium_needs_both(alone: str) -> None:
     assert without_energy(scene) == missing
     assert len(scene.warnings()) == 1
     with pytest.raises(
-        InputError, match=rf"effects.{missing}: received nothing\n.*either alone has no energy"
+        InputError, match=rf"effects.{missing}: received nothing\n.*neither alone has an energy"
     ):
         run(scene)
 

@@ -140,7 +140,7 @@ def test_what_is_not_named_costs_nothing() -> None:
 def test_segments_that_act_on_each_other_stretch() -> None:
     with pytest.raises(
         InputError,
-        match=r"materials\.m1\.magnetization_law(?s:.*)knows only magnetization that stretches",
+        match=r"materials\.m1\.magnetization_law(?s:.*)supports only magnetization that stretches",
     ):
         rod_scene(directions=[(1, 0, 0), (0, 0, 1)], law=["stretches", "rotates"]).with_effects(
             magnetic_interaction={}

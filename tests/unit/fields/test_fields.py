@@ -287,7 +287,7 @@ def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch
     near = Box(np.array([-10e-3, -10e-3, -10e-3]), np.array([49.9e-3, 10e-3, 10e-3]))
     with pytest.raises(
         InputError,
-        match=r"field.magnet: a table over .* can't be as exact as 0.2 %.*\n.*\n.*smaller box",
+        match=r"field.magnet: a table over .* can't be accurate to 0.2 %.*\n.*\n.*smaller box",
     ):
         table.tabulate(solids.exact(source(magnet=CYLINDER)), near, 2e-3, "field.magnet")
 
@@ -317,7 +317,7 @@ def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) ->
 def test_a_cloud_too_near_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table, "MAX_DIPOLES", 50)
     field = source(magnet=CYLINDER)
-    with pytest.raises(InputError, match=r"field.magnet: within 0.5 mm .* can't be as exact"):
+    with pytest.raises(InputError, match=r"field.magnet: within 0.5 mm .* can't be known to"):
         table.cloud(
             solids.taken(field)[0],
             solids.polarization(field.magnet[0]),

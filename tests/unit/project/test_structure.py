@@ -38,7 +38,7 @@ MOST_LONG_LINES = 45  # lines of code over 100 columns: formulas
 MOST_CONSTANTS = 448  # named numbers of modules
 MOST_OF_MANY_ARGUMENTS = 32  # functions of more than 8 arguments
 MOST_TWICE = 0  # class names that stand more than once
-MOST_IN_README = 88  # lines
+MOST_IN_README = 80  # lines
 # of the packages; monkeypatch.setattr in tests
 MOST_MODULES = 326
 MOST_PATCHES = 53
@@ -351,8 +351,8 @@ def test_tests_patch_little() -> None:
 def test_readme_and_pages_are_read_in_one_sitting() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MOST_IN_README
     assert (
-        sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 2_115
-    )  # pages: as above
+        sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 2_630
+    )  # sentences stand in paragraphs, which take more lines than cells of tables
 
 
 def test_docstrings_begin_with_a_verb_or_a_noun() -> None:

@@ -42,7 +42,7 @@ def test_motions_get_shorter_steps_or_end_before_the_trouble() -> None:
     data = scene.to_si()
     moving = Scene.from_si({**data, "solver": {"dynamic": {"duration": 0.5}}})
     found = remedies(
-        moving, SolveError("step 3: energy appeared from nothing: more of it", Reached(0.2))
+        moving, SolveError("step 3: energy is not conserved: more of it", Reached(0.2))
     )
     assert [remedy.applied(moving).solver.dynamic.safety for remedy in found[:2]] == [0.4, 0.1]
     assert found[-1].applied(moving).duration == pytest.approx(0.18)
@@ -158,7 +158,7 @@ def test_a_path_out_of_time_takes_no_more_steps_than_it_took() -> None:
     along = Scene.from_si(
         {**scene.to_si(), "solver": {"quasi_static": {"steps": 10, "duration": 1.0}}}
     )
-    [late] = remedies(along, TimeOver("the time is over", Reached(0.5)))
+    [late] = remedies(along, TimeOver("time limit of 1 s reached", Reached(0.5)))
     assert len(late.applied(along).path_times()) == 5  # of 0.45 s, the first among them
     finer = remedies(along, SolveError("broken", Reached(0.5)))[0].applied(along)
     assert len(finer.path_times()) > 10

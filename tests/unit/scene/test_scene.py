@@ -146,7 +146,7 @@ def test_a_direction_without_remanence_is_unmagnetised(five: Scene) -> None:
 def test_warnings(tmp_path: Path) -> None:
     text = FIVE.read_text().replace("  magnetic_torque: {}", "  gravity: {}")
     assert scene_of(tmp_path, text).warnings() == [
-        "effects: magnetic_torque is not named, so the field does nothing"
+        "effects: magnetic_torque is not named, so the field has no effect"
     ]
     text = FIVE.read_text().replace(
         "materials:", "materials:\n  spare: {shear_modulus: 1 kPa, bulk_to_shear: 20}", 1

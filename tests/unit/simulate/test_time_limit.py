@@ -25,7 +25,7 @@ def ticks() -> Callable[[], float]:
 def test_a_limit_holds_in_its_context_alone() -> None:
     with limited(1.5, clock=ticks()):
         check()
-        with pytest.raises(TimeOver, match=r"the time is over: 1\.5 s were allowed"):
+        with pytest.raises(TimeOver, match=r"time limit of 1\.5 s reached"):
             check()
     check()
     with limited(None):
@@ -57,7 +57,7 @@ def test_an_equilibrium_ends_with_the_share_that_was_reached() -> None:
     state = caught.value.state
     assert not state.converged
     assert 0.0 < state.load_share < 1.0
-    assert "of the load: the time is over" in caught.value.reason
+    assert "of the load: time limit" in caught.value.reason
     remedy, *_ = caught.value.remedies
     assert remedy.words.startswith("a weaker field")
     assert run(remedy.applied(scene)).converged
@@ -90,7 +90,7 @@ def test_an_equilibrium_that_needs_no_ramp_tries_none() -> None:
     prepare_kernels(scene)
     with limited(1.5, clock=ticks()), pytest.raises(TimeOver) as caught:
         run(scene)
-    assert caught.value.reason.startswith("the time is over")
+    assert caught.value.reason.startswith("time limit of 1.5 s reached")
     assert caught.value.remedies == ()
 
 
@@ -121,7 +121,7 @@ def test_what_is_to_be_resumed_stays_in_its_place(
         assert main(["run", str(path), "--out", str(out), "--time-limit", "1"]) == 3
     said = capsys.readouterr().err
     assert "`--resume` goes on from its last frame" in said
-    assert "earlier results are in" in said
+    assert "earlier results are kept in" in said
     before = len(Motion.load(out))
     assert before > 1
     assert main(["run", str(path), "--out", str(out), "--resume"]) == 0

@@ -229,10 +229,10 @@ def test_what_has_no_answer_is_refused(tmp_path: Path) -> None:
         match=r"(?s)effects\.ground.*without obstacles.*name feed, with solver\.quasi_static",
     ):
         there.inserted(6e-3)
-    with pytest.raises(InputError, match=r"(?s)effects\.ground.*begin clear of it"):
+    with pytest.raises(InputError, match=r"(?s)effects\.ground.*start clear of it"):
         build(deep)
     assert any(
-        "equilibria leave friction out" in text
+        "equilibria ignore friction" in text
         for text in scene(catheter(), ground={**GROUND, "friction": 0.3}).warnings()
     )
     assert not any("friction" in text for text in there.warnings())

@@ -73,7 +73,7 @@ def test_what_is_asked_is_plain_data_and_read_back() -> None:
         scene = asked(**given)
         assert Scene.from_si(scene.to_si()) == scene
         assert scene.hash() != PLAIN.hash()
-        with pytest.raises(SceneError, match="cells must be given"):
+        with pytest.raises(SceneError, match="cells_across must be given"):
             build(scene)
     assert asked(error="1 %").hash() == asked(error=0.01).hash() != asked(error="0.1 mm").hash()
     assert asked(error=0.01).with_cells(2).hash() == PLAIN.with_cells(2).hash()
@@ -82,13 +82,13 @@ def test_what_is_asked_is_plain_data_and_read_back() -> None:
 PROVABLE = r"(?s)12 cells across, the most whose error can be proven, are off by.*"
 ASK = (
     PROVABLE
-    + r"ask for .* % or more, which \d+ cells give, or try .* %, which \d+ cells give only if"
+    + r"request .* % or more, which \d+ cells give, or try .* %, which \d+ cells give only if"
 )
 
 
 @pytest.mark.parametrize(
     ("error", "says"),
-    [("1 m", "half of the length, 12 mm"), ("1 nm", "known to 0.0001 %"), (2e-6, ASK)],
+    [("1 m", "half of the length, 12 mm"), ("1 nm", "accurate to 0.0001 %"), (2e-6, ASK)],
 )
 def test_what_no_grid_can_reach_is_refused_with_the_number(error: object, says: str) -> None:
     """With what the coarsest grid gives, and what finer ones should."""

@@ -257,7 +257,7 @@ def test_numbers_of_parts_by_their_addresses(tmp_path: Path) -> None:
     [
         ("field.unifrom[2]", "did you mean field.uniform"),
         ("field.uniform", "must be the address of a real number"),
-        ("body.catheter.length", "ask for `length`"),
+        ("body.catheter.length", "name `length`"),
         ("resolution.cells_across", "real number"),
     ],
 )
@@ -581,7 +581,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
         magmpm.sensitivities(scene_of("parts", tmp_path), ["length"])
     moving = Scene.from_si(scene.to_si() | {"solver": {"dynamic": {"duration": 1e-3}}})
     with pytest.raises(
-        magmpm.InputError, match=r"(?s)solver.dynamic.*sensitivities are those of an equilibrium"
+        magmpm.InputError, match=r"(?s)solver.dynamic.*sensitivities are computed at an equilibrium"
     ):
         magmpm.sensitivities(moving)
     with pytest.raises(TypeError, match="start: received 3"):
