@@ -90,7 +90,7 @@ ASSEMBLIES = [
     edit("missing mesh", "mesh: arm.stl", "mesh: arms.stl", "body.parts.meshes[1].mesh", '"arms.stl"', "can't be read", "relative to the scene file"),
     edit("no mesh at all", "mesh: arm.stl", "mesh: probe.yaml", "body.parts.meshes[1].mesh", '"probe.yaml"', "must be an STL mesh"),
     edit("an open mesh", "mesh: arm.stl", "mesh: open.stl", "body.parts.meshes[1].mesh", '"open.stl"', "must be watertight", "3 edges", "close the holes"),
-    edit("a triangle twice", "mesh: arm.stl", "mesh: doubled.stl", "body.parts.meshes[1].mesh", '"doubled.stl"', "1 of this one stands again, the first near (0, ", "Remove Duplicate Faces"),
+    edit("a triangle twice", "mesh: arm.stl", "mesh: doubled.stl", "body.parts.meshes[1].mesh", '"doubled.stl"', "1 of this one appears again, the first near (0, ", "Remove Duplicate Faces"),
     edit("a triangle twice, facing back", "mesh: arm.stl", "mesh: back.stl", "body.parts.meshes[1].mesh", '"back.stl"', "at 3 edges of this one there is one too many", "remove the triangle that belongs to no solid"),
     edit("a number that is none", "mesh: arm.stl", "mesh: spoilt.stl", "body.parts.meshes[1].mesh", '"spoilt.stl"', "every coordinate must be a number, and this file has '3.5.1'", "export the part again"),
     edit("a mesh of meters", "mesh: arm.stl", "mesh: meters.stl", "body.parts.meshes[1].mesh", '"meters.stl"', "meters is 0.001 mm", "all of it is 3 µm long", "is its file in m? It would then be 3 mm long: export it in mm"),
