@@ -19,13 +19,41 @@ LENGTHS = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm"))
 
 
 def report(place: str, *, rule: str, remedy: str, received: str | None = None) -> str:
-    """The message of an InputError; `place` names the file, with line and key where they are known."""
+    """Write the message of an InputError.
+
+    Parameters
+    ----------
+    place : str
+        Names the file, with line and key where they are known.
+    rule : str
+        What must hold.
+    remedy : str
+        What to do.
+    received : str, optional
+        The value that was received, as text.
+
+    Returns
+    -------
+    str
+        Lines of text.
+    """
     first = place if received is None else f"{place}: received {received}"
     return f"{first}\n  rule: {rule}\n  remedy: {remedy}"
 
 
 def dotted(at: Key) -> str:
-    """("segments", 2, "length") -> "segments[2].length"; keys that are no plain word stand in quotes."""
+    """Write a key as people do: ("segments", 2, "length") is "segments[2].length"; what is no plain word stands in quotes.
+
+    Parameters
+    ----------
+    at : Key
+        The key, part by part.
+
+    Returns
+    -------
+    str
+        Its text.
+    """
     out = ""
     for part in at:
         if isinstance(part, int):
@@ -37,13 +65,35 @@ def dotted(at: Key) -> str:
 
 
 def undotted(key: str) -> Key:
-    """The inverse of `dotted`: "segments[2].length" -> ("segments", 2, "length")."""
+    """Read a key: the inverse of `dotted`, "segments[2].length" is ("segments", 2, "length").
+
+    Parameters
+    ----------
+    key : str
+        Its text.
+
+    Returns
+    -------
+    Key
+        The key, part by part.
+    """
     parts = re.findall(r'"([^"]*)"|\[(\d+)\]|([^.\[\]"]+)', key)
     return tuple(int(index) if index else quoted or word for quoted, index, word in parts)
 
 
 def flow(value: Any) -> str:
-    """Plain data as written on one line of YAML: {uniform: [0 mT, 6 mT, 8 mT]}."""
+    """Write plain data on one line of YAML: {uniform: [0 mT, 6 mT, 8 mT]}.
+
+    Parameters
+    ----------
+    value : object
+        Dicts, lists, tuples, text and numbers.
+
+    Returns
+    -------
+    str
+        The line.
+    """
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {flow(item)}" for key, item in value.items()) + "}"
     if isinstance(value, (list, tuple)):
@@ -52,7 +102,18 @@ def flow(value: Any) -> str:
 
 
 def show(value: Any) -> str:
-    """A value as the user might have written it, cut to a readable length."""
+    """Write a value as the user might have written it, cut to a readable length.
+
+    Parameters
+    ----------
+    value : object
+        Any value.
+
+    Returns
+    -------
+    str
+        At most 80 characters.
+    """
     if isinstance(value, float) and not math.isfinite(value):
         return {"nan": ".nan", "inf": ".inf", "-inf": "-.inf"}[str(value)]
     try:
@@ -69,7 +130,20 @@ class MagmpmError(Exception):
 
 
 class InputError(MagmpmError):
-    """The input is wrong; the message names file, key, value, rule and remedy: it is that of `report`, or `place` alone without a rule."""
+    """Error of an input; the message names file, key, value, rule and remedy.
+
+    Parameters
+    ----------
+    place : str
+        What is wrong, such as "scene.yaml:9: field.uniform"; without a rule it is the whole
+        message.
+    rule : str, default ''
+        What must hold.
+    remedy : str, default ''
+        What to do.
+    received : str, optional
+        The value that was received, as text.
+    """
 
     exit_status = 2
 
@@ -88,9 +162,22 @@ class NotThereYet(InputError):
 class SceneError(InputError):
     """A value of a scene that turns out to be wrong only when the scene's body is built.
 
-    key: where the value stands, as in "effects.ground"; of several keys with ", " between them, the first gives the line. received: the
-    value, in SI; found: what is wrong with it; rule: what it must be; remedy: what to do. The message begins with the key;
-    inputs.yaml_document.placed adds file and line, and shows the value as the file has it.
+    The message begins with the key; inputs.yaml_document.placed adds file and line, and shows the
+    value as the file has it.
+
+    Parameters
+    ----------
+    key : str
+        Where the value stands, as in "effects.ground"; of several keys with ", " between them,
+        the first gives the line.
+    rule : str
+        What the value must be.
+    remedy : str
+        What to do.
+    received : str, optional
+        The value, in SI.
+    found : str, optional
+        What is wrong with it.
     """
 
     def __init__(
@@ -111,7 +198,26 @@ class SceneError(InputError):
 
     @staticmethod
     def text(place: str, received: str | None, found: str | None, rule: str, remedy: str) -> str:
-        """The message. place: the key, with file and line if known; received, found, rule and remedy: as of the class."""
+        """Write the message.
+
+        Parameters
+        ----------
+        place : str
+            The key, with file and line if known.
+        received : str or None
+            As of the class.
+        found : str or None
+            As of the class.
+        rule : str
+            As of the class.
+        remedy : str
+            As of the class.
+
+        Returns
+        -------
+        str
+            The message.
+        """
         if found is None:
             return report(place, received=received, rule=rule, remedy=remedy)
         return report(
@@ -175,9 +281,14 @@ class RenderError(MagmpmError):
 
 
 class SolveError(MagmpmError):
-    """A run that became unstable or did not converge.
+    """A run that became unstable or did not converge. Its `remedies` are changes that may help, the best first.
 
-    reason: what happened, in one sentence; state: the last good result, or None; remedies: changes that may help, the best first.
+    Parameters
+    ----------
+    reason : str
+        What happened, in one sentence.
+    state : Result, optional
+        The last good result.
     """
 
     exit_status = 3
@@ -206,7 +317,20 @@ class TimeOver(BudgetError):
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """A number with this many significant digits, without an exponent where that is short: 0.0123, 41.0, 1230, 3.91e-05."""
+    """Write a number with so many significant digits, without an exponent where that is short: 0.0123, 41.0, 1230, 3.91e-05.
+
+    Parameters
+    ----------
+    value : float
+        Any number.
+    digits : int, default 3
+        How many count.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     if not math.isfinite(value):
         return str(value)
     if value == 0.0:
@@ -221,7 +345,22 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """A value in an SI unit, with its prefix: 3.91e-5 s is "39.1 µs", 0.006 T "6.00 mT". Zero has none."""
+    """Write a value in an SI unit, with its prefix: 3.91e-5 s is "39.1 µs", 0.006 T "6.00 mT". Zero has none.
+
+    Parameters
+    ----------
+    value : float
+        In that unit.
+    unit : str
+        An SI unit without a prefix.
+    digits : int, default 3
+        Significant digits.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     if value == 0.0 or not math.isfinite(value):
         return f"{significant(value)} {unit}"
     rounded = float(f"{value:.{digits - 1}e}")
@@ -231,13 +370,39 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def length(value: float, digits: int = 3) -> str:
-    """A length (m) without trailing zeros: "10 mm", "1.93 mm", "5 nm"; in mm from a hundredth of it on."""
+    """Write a length without trailing zeros: "10 mm", "1.93 mm", "5 nm"; in mm from a hundredth of it on.
+
+    Parameters
+    ----------
+    value : float, m
+        The length.
+    digits : int, default 3
+        Significant digits.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     size, unit = next((u for u in LENGTHS if abs(value) >= 0.01 * u[0]), LENGTHS[0])
     return f"{value / size:.{digits}g} {unit}"
 
 
 def shown_unit(label: str) -> tuple[str, float]:
-    """A quantity's label, `travel (m)`, with the unit that people read, `travel (mm)`, and the factor to it."""
+    """Find the unit in which people read a quantity.
+
+    Parameters
+    ----------
+    label : str
+        The quantity with its SI unit, `travel (m)`.
+
+    Returns
+    -------
+    label : str
+        With that unit, `travel (mm)`.
+    factor : float
+        From the SI unit to that one.
+    """
     name, _, unit = label.rpartition(" (")
     known = {
         "m)": ("mm", 1e3),
@@ -253,19 +418,56 @@ def shown_unit(label: str) -> tuple[str, float]:
 
 
 def in_words(label: str, value: float) -> str:
-    """A value (SI) as people read it, by its label, `travel (m)`: "2.55 mm"."""
+    """Write a value as people read it: "2.55 mm".
+
+    Parameters
+    ----------
+    label : str
+        The quantity with its SI unit, `travel (m)`.
+    value : float
+        In SI.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     shown, factor = shown_unit(label)
     unit = shown.rpartition(" (")[2].removesuffix(")") if shown.endswith(")") else ""
     return f"{significant(value * factor, 4)} {unit}".strip()
 
 
 def in_mm(place: Iterable[float], digits: str = ".3g") -> str:
-    """A place (m) for messages: "(12, 0, -2) mm"; digits: the format of its numbers."""
+    """Write a place for messages: "(12, 0, -2) mm".
+
+    Parameters
+    ----------
+    place : iterable of float, m
+        Its coordinates.
+    digits : str, default '.3g'
+        Format of the numbers.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     return f"({', '.join(f'{1e3 * value:{digits}}' for value in place)}) mm"
 
 
 def lengths(values: Iterable[float]) -> str:
-    """Lengths (m) in one unit with three decimals: "(38.670, 0.000, 10.366) mm"; small ones in µm, nm or pm."""
+    """Write lengths in one unit with three decimals: "(38.670, 0.000, 10.366) mm"; small ones in µm, nm or pm.
+
+    Parameters
+    ----------
+    values : iterable of float, m
+        The lengths.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     largest = max((abs(float(value)) for value in values if math.isfinite(value)), default=0.0)
     size, unit = next(
         (u for u in LENGTHS if largest >= u[0]), LENGTHS[-1] if largest > 0 else LENGTHS[0]
@@ -274,12 +476,36 @@ def lengths(values: Iterable[float]) -> str:
 
 
 def count(number: int, noun: str) -> str:
-    """A number of things: "1 jump", "2 jumps"."""
+    """Write a number of things: "1 jump", "2 jumps".
+
+    Parameters
+    ----------
+    number : int
+        How many.
+    noun : str
+        One of them.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def stability_in_words(value: float) -> str:
-    """The stability of an equilibrium, and what it is measured by."""
+    """Write the stability of an equilibrium, and what it is measured by.
+
+    Parameters
+    ----------
+    value : float, no unit
+        As `Result.stability`.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     return (
         f"{value:.3f} (stiffness of its softest motion over the unloaded body's: 1 without load, 0"
         " at a critical load; more than 1: the load stiffens it)"
@@ -287,6 +513,19 @@ def stability_in_words(value: float) -> str:
 
 
 def fixed(value: float, places: int) -> str:
-    """A number with this many decimals, and no -0.000."""
+    """Write a number with so many decimals, and no -0.000.
+
+    Parameters
+    ----------
+    value : float
+        Any number.
+    places : int
+        Number of decimals.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     text = f"{value:.{places}f}"
     return text[1:] if text.startswith("-") and float(text) == 0.0 else text

@@ -78,7 +78,22 @@ SPECK = 0.01
 
 
 class MeshPart(Settings):
-    """One mesh with one material."""
+    """One mesh with one material.
+
+    Parameters
+    ----------
+    mesh : str
+        Path, relative to this file, of an STL file: a closed surface.
+    name : str, optional
+        What messages call it; the file's name unless given.
+    material : str
+        A name from `materials`.
+    magnetization : Angles, dict or sequence (3,), no unit, optional
+        Direction in the undeformed part: [x, y, z], normalized, or {azimuth: ..., elevation:
+        ...}; [0, 0, 0], unmagnetized, unless given.
+    clamp : bool, optional
+        Whether the part is held; false unless given.
+    """
 
     mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
         description="Path, relative to this file, of an STL file: a closed surface.",
@@ -123,7 +138,21 @@ class MeshPart(Settings):
 
 
 class Parts(BodyShape):
-    """Closed STL meshes, one a part. Parts that touch hold together."""
+    """Closed STL meshes, one a part. Parts that touch hold together.
+
+    Parameters
+    ----------
+    unit : {'um', 'mm', 'cm', 'm', 'inch'}
+        Unit of the numbers in the STL files, which do not say it.
+    spacing : float or str, m, optional
+        Cell size; the thinnest part's thickness over `cells_across` unless given.
+    meshes : sequence of MeshPart
+        The parts.
+    tip : str or sequence (3,) of float or str, m, optional
+        What results call the tip: a part by its name, meant is its center, or a point of a part
+        that moves, in the undeformed body, such as the middle of an end face. Unless given,
+        parts have no tip.
+    """
 
     clamp_key: ClassVar[str] = "meshes"
 

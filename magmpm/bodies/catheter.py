@@ -34,7 +34,35 @@ THIN_WALL = "resolution: the tube's wall"  # how the warning of a wall of less t
 
 
 class Catheter(StraightBody):
-    """A straight rod, base at the origin, axis +x."""
+    """A straight rod, base at the origin, axis +x.
+
+    Parameters
+    ----------
+    length : float or str, m
+        Length of the undeformed catheter.
+    diameter : float or str, m
+        Outer diameter.
+    inner_diameter : float or str, m, optional
+        Diameter of the bore; 0 mm, a solid rod, unless given.
+    material : str
+        A name from `materials`; segments may name others.
+    clamp : {'base', 'none'}, optional
+        The face that is held: base, or none (a free body).
+    segments : sequence of Segment
+        From base to tip.
+
+    Examples
+    --------
+    >>> from magmpm import Catheter, Segment
+    >>> rod = Catheter(
+    ...     length="40 mm",
+    ...     diameter="4 mm",
+    ...     material="silicone",
+    ...     segments=[Segment(magnetization=[1, 0, 0]), Segment(magnetization=[0, 0, 1])],
+    ... )
+    >>> rod.segment_lengths()  # m
+    [0.02, 0.02]
+    """
 
     kind: ClassVar[str] = "catheter"
     across: ClassVar[str] = "diameter"
@@ -226,7 +254,36 @@ class Catheter(StraightBody):
 
 
 class Tube(Catheter):
-    """A catheter with a bore: the same settings, of which `inner_diameter` must be given. In files it is a catheter."""
+    """A catheter with a bore: the same settings, of which `inner_diameter` must be given. In files it is a catheter.
+
+    Parameters
+    ----------
+    length : float or str, m
+        Length of the undeformed catheter.
+    diameter : float or str, m
+        Outer diameter.
+    inner_diameter : float or str, m
+        Diameter of the bore.
+    material : str
+        A name from `materials`; segments may name others.
+    clamp : {'base', 'none'}, optional
+        The face that is held: base, or none (a free body).
+    segments : sequence of Segment
+        From base to tip.
+
+    Examples
+    --------
+    >>> from magmpm import Segment, Tube
+    >>> tube = Tube(
+    ...     length="40 mm",
+    ...     diameter="4 mm",
+    ...     inner_diameter="2 mm",
+    ...     material="silicone",
+    ...     segments=[Segment(magnetization=[1, 0, 0])],
+    ... )
+    >>> tube.hollow
+    True
+    """
 
     inner_diameter: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
         description="Diameter of the bore.", examples=["2 mm"]

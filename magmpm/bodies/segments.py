@@ -90,7 +90,24 @@ SHORTEST = (
 
 
 class Segment(Settings):
-    """A length of a catheter or strip with one magnetization and one material."""
+    """A length of a catheter or strip with one magnetization and one material.
+
+    Parameters
+    ----------
+    magnetization : Angles, dict or sequence (3,), no unit, optional
+        Direction in the undeformed body: [x, y, z], normalized, or {azimuth: ..., elevation:
+        ...}; [0, 0, 0], unmagnetized, unless given.
+    material : str, optional
+        A name from `materials`; the body's unless given.
+    length : float or str, m, optional
+        Length of this segment; segments without one share the rest of the length equally.
+
+    Examples
+    --------
+    >>> from magmpm import Segment
+    >>> Segment(magnetization={"azimuth": "90 deg", "elevation": "0 deg"}).magnetization
+    (0.0, 1.0, 0.0)
+    """
 
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),

@@ -108,7 +108,43 @@ _Coordinate = Annotated[float, Quantity("length", at_least="-10 m", at_most="10 
 
 
 class Strip(StraightBody):
-    """A straight strip or sheet: length along x, width along y, thickness along z."""
+    """A straight strip or sheet: length along x, width along y, thickness along z.
+
+    Parameters
+    ----------
+    length : float or str, m
+        Length along x.
+    width : float or str, m
+        Width along y.
+    thickness : float or str, m
+        Thickness along z; `cells_across` counts the cells through it.
+    material : str
+        A name from `materials`; segments may name others.
+    clamp : {'base', 'both', 'none'}, optional
+        The faces that are held: base (at the lower x), both ends, or none (a free body).
+    position : sequence (3,) of float or str, m, optional
+        Center of the base face: [x, y, z]; the origin unless given.
+    plane_strain : bool, optional
+        Nothing moves along y and nothing varies along it, as in a very wide sheet; false unless
+        given.
+    segments : sequence of Segment, optional
+        From base to tip; give these or `magnetization_profile`.
+    magnetization_profile : Profile, optional
+        A magnetization that varies along the length; give this or `segments`.
+
+    Examples
+    --------
+    >>> from magmpm import Segment, Strip
+    >>> strip = Strip(
+    ...     length="17.2 mm",
+    ...     width="5 mm",
+    ...     thickness="0.84 mm",
+    ...     material="silicone",
+    ...     segments=[Segment(magnetization=[1, 0, 0])],
+    ... )
+    >>> strip.size.tolist()  # m
+    [0.0172, 0.005, 0.00084]
+    """
 
     kind: ClassVar[str] = "strip"
     across: ClassVar[str] = "thickness"

@@ -27,7 +27,13 @@ MOST = 500.0
 
 
 class Damping(Effect):
-    """The surroundings resist in proportion to mass and velocity."""
+    """The surroundings resist in proportion to mass and velocity.
+
+    Parameters
+    ----------
+    rate : float or str, 1/s
+        Velocities decay by exp(-rate t); twice a motion's angular frequency settles it soonest.
+    """
 
     PHASE = "damping"
     ONLY_IN_MOTION = True

@@ -26,7 +26,15 @@ DTYPE = np.dtype(
 
 
 class Feed(Effect):
-    """The base is pushed along +x through a straight guide around the x axis; what has left the guide is free."""
+    """The base is pushed along +x through a straight guide around the x axis; what has left the guide is free.
+
+    Parameters
+    ----------
+    speed : float or str, m/s
+        Speed along +x; negative pulls back.
+    exit : float or str, m
+        Where on the x axis the guide ends.
+    """
 
     PHASE = "constraint"
     ONLY_IN_MOTION = True

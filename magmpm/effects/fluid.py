@@ -55,7 +55,26 @@ _Component = Annotated[float, Quantity("speed", at_least="-100 m/s", at_most="10
 
 
 class Fluid(Effect):
-    """A fluid around the body: buoyancy, drag on its surface, and the mass that it carries along."""
+    """A fluid around the body: buoyancy, drag on its surface, and the mass that it carries along.
+
+    Parameters
+    ----------
+    density : float or str, kg/m^3
+        Of the fluid; water has 1000 kg/m^3, blood 1060.
+    viscosity : float or str, Pa s
+        Dynamic viscosity; water has 1 mPa s, blood 3.5, glycerol 1400.
+    velocity : sequence (3,) of float or str, m/s, optional
+        Of the undisturbed stream, everywhere: [x, y, z]; at rest unless given.
+    mean_speed : float or str, m/s, optional
+        In place of `velocity`: the mean speed of a steady flow through the tube of `walls`,
+        along its path, with the profile of Poiseuille; beyond its wall nothing flows.
+
+    Examples
+    --------
+    >>> from magmpm import Fluid
+    >>> Fluid(density="1000 kg/m^3", viscosity="1 mPa s").viscosity  # Pa s
+    0.001
+    """
 
     PHASE = "force"
     density: Annotated[float, Quantity("density", above="0 kg/m^3", at_most="1e5 kg/m^3")] = Field(

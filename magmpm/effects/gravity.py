@@ -17,7 +17,19 @@ _Component = Annotated[float, Quantity("acceleration", at_least="-1e4 m/s^2", at
 
 
 class Gravity(Effect):
-    """Weight."""
+    """Weight.
+
+    Parameters
+    ----------
+    acceleration : sequence (3,) of float or str, m/s^2, optional
+        9.81 m/s^2 along -z unless given: [x, y, z].
+
+    Examples
+    --------
+    >>> from magmpm import Gravity
+    >>> Gravity().acceleration  # m/s^2
+    (0.0, 0.0, -9.81)
+    """
 
     PHASE = "force"
     acceleration: Annotated[

@@ -33,7 +33,26 @@ def parameters(*, point: ArrayLike, normal: ArrayLike, **pushing: float) -> Reco
 
 
 class Ground(Obstacle):
-    """A plane the body may press on, stick to and slide over."""
+    """A plane the body may press on, stick to and slide over.
+
+    Parameters
+    ----------
+    point : sequence (3,) of float or str, m
+        A point of the plane: [x, y, z].
+    normal : Angles, dict or sequence (3,), no unit, optional
+        Away from the ground, toward the body; +z unless given.
+    friction : float, no unit, optional
+        Coulomb's coefficient of friction; 0, slippery, unless given.
+    stiffness : float, no unit, optional
+        Times the usual stiffness of the contact, which lets the body in by micrometers; 1
+        unless given. Above 1 the contact may ask for a smaller time step than the body.
+
+    Examples
+    --------
+    >>> from magmpm import Ground
+    >>> Ground(point=["0 mm", "0 mm", "-2 mm"], friction=0.4).point  # m
+    (0.0, 0.0, -0.002)
+    """
 
     WORDS = "the ground"
     CLEAR = "move the plane's `point` away from the body"

@@ -45,7 +45,14 @@ DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
 
 
 class MagneticInteraction(BodyEffect):
-    """The magnetized segments turn and pull each other."""
+    """The magnetized segments turn and pull each other.
+
+    Parameters
+    ----------
+    blocks_across : int, optional
+        Dipoles that stand for a segment, across its thickness (and as densely along it); 3
+        unless given.
+    """
 
     PHASE = "force"
     REFRESHED = DTYPE

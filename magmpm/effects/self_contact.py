@@ -14,7 +14,16 @@ from magmpm.effects.contact_law import Friction, Stiffness, stable_step, stiffne
 
 
 class SelfContact(Effect):
-    """Parts and folds of the body that touch each other and separate again."""
+    """Parts and folds of the body that touch each other and separate again.
+
+    Parameters
+    ----------
+    friction : float, no unit, optional
+        Coulomb's coefficient of friction; 0, slippery, unless given.
+    stiffness : float, no unit, optional
+        Times the usual stiffness of the contact, which lets the body in by micrometers; 1
+        unless given. Above 1 the contact may ask for a smaller time step than the body.
+    """
 
     PHASE = "contact"
     friction: Friction = 0.0

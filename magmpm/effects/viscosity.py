@@ -58,7 +58,25 @@ class Branch(Settings):
 
 
 class Viscosity(Effect):
-    """Losses in the material: a viscous stress 2 eta D with the elastic one (Kelvin-Voigt), and branches that relax (Maxwell)."""
+    """Losses in the material: a viscous stress 2 eta D with the elastic one (Kelvin-Voigt), and branches that relax (Maxwell).
+
+    Parameters
+    ----------
+    viscosity : float or str, Pa s, optional
+        eta; a motion of angular frequency w has damping ratio eta w / (2 G).
+    branches : sequence of Branch, optional
+        Branches that relax, each a spring in series with a dashpot; at rest they have no
+        stress.
+    loss_factor : float, no unit, optional
+        tan(delta), the loss modulus over the storage modulus, within 7 % the same from 1 Hz to
+        1 kHz; silicones have 0.02 to 0.2. In place of `viscosity` and `branches`.
+
+    Examples
+    --------
+    >>> from magmpm import Viscosity
+    >>> Viscosity(viscosity="5 Pa s").viscosity  # Pa s
+    5.0
+    """
 
     PHASE = "force"
     ONLY_IN_MOTION = True

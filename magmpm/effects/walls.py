@@ -129,7 +129,27 @@ class Surface(Settings):
 
 
 class Walls(Obstacle):
-    """A lumen the body lies in: a tube, or the inside of a surface."""
+    """A lumen the body lies in: a tube, or the inside of a surface.
+
+    Parameters
+    ----------
+    tube : TubularLumen, optional
+        The inside of a tube around a path; give this or `surface`.
+    surface : Surface, optional
+        The inside of an STL mesh; give this or `tube`.
+    friction : float, no unit, optional
+        Coulomb's coefficient of friction; 0, slippery, unless given.
+    stiffness : float, no unit, optional
+        Times the usual stiffness of the contact, which lets the body in by micrometers; 1
+        unless given. Above 1 the contact may ask for a smaller time step than the body.
+
+    Examples
+    --------
+    >>> from magmpm import Walls
+    >>> path = [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]
+    >>> Walls(tube={"radius": "5 mm", "path": path}).tube.radius  # m
+    0.005
+    """
 
     WORDS = "the wall"
     CLEAR = "make the lumen wider, or move it"

@@ -44,7 +44,24 @@ class _OneOrMore(BeforeValidator):
 
 
 class Dipole(Settings):
-    """A magnet far away, or a magnetized sphere: the field of a point dipole."""
+    """A magnet far away, or a magnetized sphere: the field of a point dipole.
+
+    Parameters
+    ----------
+    position : sequence (3,) of float or str, m
+        Where it is: [x, y, z].
+    moment : sequence (3,) of float or str, A m^2
+        Magnetic moment, Br V/mu0 of a magnet: [x, y, z].
+    diameter : float or str, m, optional
+        Of the sphere it stands for, which the body must stay out of; a point unless given.
+
+    Examples
+    --------
+    >>> from magmpm import Dipole
+    >>> magnet = Dipole(position=["60 mm", "0 mm", "0 mm"], moment=[0, 0, 0.5])
+    >>> magnet.moment  # A m^2
+    (0.0, 0.0, 0.5)
+    """
 
     position: Point = Field(
         description="Where it is: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]]
@@ -64,7 +81,13 @@ class Dipole(Settings):
 
 
 class Cuboid(Settings):
-    """A block."""
+    """A block.
+
+    Parameters
+    ----------
+    size : sequence (3,) of float or str, m
+        Edges along x, y and the magnet's axis (z unless `axis` is given).
+    """
 
     size: Sizes = Field(
         description="Edges along x, y and the magnet's axis (z unless `axis` is given).",
@@ -73,14 +96,50 @@ class Cuboid(Settings):
 
 
 class Cylinder(Settings):
-    """A round bar or disk."""
+    """A round bar or disk.
+
+    Parameters
+    ----------
+    diameter : float or str, m
+        Diameter.
+    length : float or str, m
+        Length along its axis.
+    """
 
     diameter: Length = Field(description="Diameter.", examples=["20 mm"])
     length: Length = Field(description="Length along its axis.", examples=["20 mm"])
 
 
 class Magnet(Settings):
-    """A permanent magnet of finite size, magnetized evenly."""
+    """A permanent magnet of finite size, magnetized evenly.
+
+    Parameters
+    ----------
+    cuboid : Cuboid, optional
+        Its shape: a block.
+    cylinder : Cylinder, optional
+        Its shape: a cylinder.
+    position : sequence (3,) of float or str, m
+        Its center: [x, y, z].
+    axis : Angles, dict or sequence (3,), no unit, optional
+        Where its axis points (a block's third edge): [x, y, z] or angles; [0, 0, 1] unless
+        given.
+    remanence : float or str, T
+        Remanent flux density Br; 1.2 to 1.45 T for neodymium.
+    magnetization : Angles, dict or sequence (3,), no unit, optional
+        Direction of its magnetization in space; along its axis unless given.
+
+    Examples
+    --------
+    >>> from magmpm import Cylinder, Magnet
+    >>> magnet = Magnet(
+    ...     cylinder=Cylinder(diameter="20 mm", length="20 mm"),
+    ...     position=["60 mm", "0 mm", "0 mm"],
+    ...     remanence="1.3 T",
+    ... )
+    >>> magnet.axis
+    (0.0, 0.0, 1.0)
+    """
 
     cuboid: Cuboid | None = Field(
         default=None,
@@ -123,7 +182,30 @@ class Magnet(Settings):
 
 
 class Coil(Settings):
-    """A thin round coil."""
+    """A thin round coil.
+
+    Parameters
+    ----------
+    position : sequence (3,) of float or str, m
+        Its center: [x, y, z].
+    axis : Angles, dict or sequence (3,), no unit, optional
+        Its axis; a positive current makes a field along it. [0, 0, 1] unless given.
+    diameter : float or str, m
+        Mean diameter of the winding.
+    current : float or str, A
+        Current in each turn.
+    turns : int, optional
+        Number of turns; 1 unless given.
+
+    Examples
+    --------
+    >>> from magmpm import Coil
+    >>> coil = Coil(
+    ...     position=["0 mm", "0 mm", "-60 mm"], diameter="80 mm", current="5 A", turns=200
+    ... )
+    >>> coil.current  # A
+    5.0
+    """
 
     position: Point = Field(
         description="Its center: [x, y, z].", examples=[["0 mm", "0 mm", "-60 mm"]]
@@ -188,7 +270,19 @@ class Tabulation(Settings):
 
 
 class UniformField(Settings):
-    """The same flux density everywhere, for fields made in Python: `UniformField(uniform=["0 mT", "6 mT", "8 mT"])`."""
+    """The same flux density everywhere, for fields made in Python: `UniformField(uniform=["0 mT", "6 mT", "8 mT"])`.
+
+    Parameters
+    ----------
+    uniform : sequence (3,) of float or str, T
+        Flux density: [x, y, z].
+
+    Examples
+    --------
+    >>> from magmpm import UniformField
+    >>> UniformField(uniform=["0 mT", "6 mT", 0.008]).uniform  # T
+    (0.0, 0.006, 0.008)
+    """
 
     uniform: FluxVector = Field(
         description="Flux density: [x, y, z].", examples=[["0 mT", "6 mT", "8 mT"]]

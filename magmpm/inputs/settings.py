@@ -243,6 +243,8 @@ def json_schema(model: type[BaseModel]) -> dict[str, Any]:
     schema = model.model_json_schema(schema_generator=_InputSchema)
     for part in (schema, *schema.get("$defs", {}).values()):
         part.pop("title", None)  # names of our classes
+        if "description" in part:  # of a docstring its first paragraph: editors show little more
+            part["description"] = part["description"].partition("\n\n")[0]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 

@@ -29,7 +29,7 @@ _told: set[tuple[str, str]] = set()  # what warnings are of, and their texts
 
 
 class MagmpmWarning(UserWarning):
-    """A warning about an answer: the text of one of `Result.warnings`, given once a scene."""
+    """Warning about an answer: the text of one of `Result.warnings`, given once a scene."""
 
 
 def _inside(frame: FrameType) -> bool:
@@ -39,7 +39,13 @@ def _inside(frame: FrameType) -> bool:
 
 
 def called_by_user() -> bool:
-    """True if the function that calls this one was called from outside of magmpm: else its caller tells the user."""
+    """Check whether the function that calls this one was called from outside of magmpm; else its caller tells the user.
+
+    Returns
+    -------
+    bool
+        True if it was.
+    """
     frame = inspect.currentframe()
     for _ in range(2):
         frame = None if frame is None else frame.f_back
@@ -80,7 +86,21 @@ def _in_notebook() -> bool:
 
 
 def shows_bars(progress: bool | None, seen: bool) -> bool:
-    """True if bars are wanted: as `progress` says, else where they would be `seen`, unless the environment hides them."""
+    """Decide whether bars are shown.
+
+    Parameters
+    ----------
+    progress : bool or None
+        What the user says; None: bars are shown where they would be seen, unless the
+        environment hides them.
+    seen : bool
+        Whether someone would see them.
+
+    Returns
+    -------
+    bool
+        True if they are.
+    """
     if progress is not None:
         return progress
     if os.environ.get(SWITCH, "").strip().lower() in ("0", "off", "false", "no"):

@@ -56,12 +56,30 @@ def frame_files() -> ModuleType:
 
 
 class MotionWriter:
-    """Writes a motion frame by frame into a folder.
+    """Writer of a motion into a folder, frame by frame.
 
-    model: anything with particles.position (n, 3) m, particles.volume (n,) m^3, particles.segment (n,), remanence (n, 3) T, and
-    optionally scene, which is stored for the pictures. max_disk: bytes that the motion's files may take. resume_at: s, time of a
-    checkpoint: frames after it are dropped and the motion goes on, so that its files hold what an unbroken run's do; resume_frames:
-    how many there must be up to then, each with its energies, and with contacts of the effects resume_contacts.
+    Parameters
+    ----------
+    folder : Path or str
+        Is made if missing; what it held of a motion is replaced, unless `resume_at` is given.
+    model : object
+        Anything with particles.position (n, 3) m, particles.volume (n,) m^3, particles.segment
+        (n,), remanence (n, 3 or more) T, and optionally scene, which is stored for the
+        pictures.
+    max_disk : float, bytes, optional
+        What the motion's files may take; all there is unless given.
+    resume_at : float, s, optional
+        Time of a checkpoint: frames after it are dropped and the motion goes on, so that its
+        files hold what those of an unbroken run do.
+    resume_frames : int, optional
+        How many frames there must be up to then, each with its energies.
+    resume_contacts : iterable of str, default ()
+        Effects whose contacts these frames must have.
+
+    Raises
+    ------
+    InputError
+        If the frames of the motion that is to go on are missing.
     """
 
     def __init__(
@@ -261,7 +279,21 @@ def _bytes(size: float) -> str:
 
 @dataclass(frozen=True)
 class Frame:
-    """One moment: number k, time s, position (n, 3) m, field (3,) T or None, and the stored quantities by name."""
+    """One moment of a motion, of n particles.
+
+    Attributes
+    ----------
+    number : int
+        Of the frame, from 0.
+    time : float, s
+        When it is.
+    position : array (n, 3), m
+        Of the particles.
+    field : array (3,), T, or None
+        The external field at the body; None where it was not given.
+    quantities : dict[str, Numbers]
+        What else is stored, by name: arrays of n rows (docs/motion.md).
+    """
 
     number: int
     time: float
@@ -303,12 +335,54 @@ def _whole(path: Path, file: h5py.File) -> tuple[Array, Array, dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion that was written; `motion[k]` reads a frame, `motion[i:j]` a list of them, `motion.position(k)` its positions alone.
+    """A motion that was written: its times, tables and frames, which are read when asked for.
 
-    times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T,
-    reference (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect ->
-    {t, Fx, Fy, Fz, count, depth} -> (rows,). positions: name of a part -> its centers (frames, 3) m, none of other bodies.
-    scene: Scene.to_si() or None. Along time also steps: column -> (frames,), of steps.csv, and jumps, as in a Result.
+    `motion[k]` reads a frame, `motion[i:j]` a list of them, `motion.position(k)` the positions of
+    one. Everything is in SI; the body has n particles.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    name : str
+        Of the scene.
+    scene : dict[str, Any] or None
+        The scene as plain SI data (Scene.to_si), or None.
+    times : array (frames,), s
+        Of the frames.
+    fields : array (frames, 3), T
+        The external field at the body; NaN where it was not given.
+    part : array (n,) of int
+        The region that each particle is in.
+    volume : array (n,), m^3
+        Volumes of the particles in the undeformed body.
+    remanence : array (n, 3), T
+        Their remanence in the undeformed body.
+    reference : array (n, 3), m
+        Their positions in the undeformed body.
+    energies : dict[str, array]
+        Columns (frames,) of energies.csv: t in s, the others in J.
+    contacts : dict[str, dict[str, array]]
+        By effect the columns (rows,) of contacts.csv: t (s), Fx, Fy, Fz (N), count, depth (m).
+    steps : dict[str, array]
+        Of equilibria along time the columns (frames,) of steps.csv, in s, m, T and J; stability
+        and iterations have no unit.
+    jumps : list of dict[str, Any]
+        Of equilibria along time, as in a Result.
+    positions : dict[str, array]
+        By the name of a part its centers (frames, 3) m; none of other bodies.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> data = {**scene.to_si(), "solver": {"quasi_static": {"steps": 2, "duration": 1.0}}}
+    >>> result = magmpm.run(magmpm.Scene.from_si(data), folder="path", progress=False)
+    >>> motion = magmpm.Motion.load("path")
+    >>> motion.times.tolist()  # s
+    [0.0, 0.5, 1.0]
+    >>> motion[-1].position.shape == motion.reference.shape
+    True
     """
 
     folder: Path
@@ -320,17 +394,31 @@ class Motion:
     volume: Numbers
     remanence: Numbers
     reference: Numbers
-    energies: dict[str, Array]  # (frames,) J; t in s
-    contacts: dict[str, dict[str, Array]]  # (rows,) s, N, m; count has no unit
-    steps: dict[str, Array] = field(
-        default_factory=dict
-    )  # (frames,) s, m, T, J; stability and iterations have no unit
+    energies: dict[str, Array]
+    contacts: dict[str, dict[str, Array]]
+    steps: dict[str, Array] = field(default_factory=dict)
     jumps: list[dict[str, Any]] = field(default_factory=list)
-    positions: dict[str, Array] = field(default_factory=dict)  # (frames, 3) m
+    positions: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
     def load(cls, folder: Path | str) -> Motion:
-        """The motion in a folder, also an unfinished one. Raises InputError if it holds none, or one that can't be read."""
+        """Read the motion in a folder, also an unfinished one.
+
+        Parameters
+        ----------
+        folder : Path or str
+            Where a run has written it.
+
+        Returns
+        -------
+        Motion
+            The motion.
+
+        Raises
+        ------
+        InputError
+            If the folder holds none, or one that can't be read.
+        """
         folder = Path(folder)
         path = folder / MOTION
         if not path.exists():
@@ -391,7 +479,13 @@ class Motion:
         return of_motion(self)
 
     def __len__(self) -> int:
-        """Number of frames."""
+        """Count the frames.
+
+        Returns
+        -------
+        int
+            Their number.
+        """
         return len(self.times)
 
     @overload
@@ -401,7 +495,23 @@ class Motion:
     def __getitem__(self, number: slice) -> list[Frame]: ...
 
     def __getitem__(self, number: int | slice) -> Frame | list[Frame]:
-        """The frame with this number, or the list of those in a slice; negative numbers count from the end. SI. Raises IndexError."""
+        """Read a frame, or those of a slice.
+
+        Parameters
+        ----------
+        number : int or slice
+            Of the frame; negative numbers count from the end.
+
+        Returns
+        -------
+        Frame or list of Frame
+            The frame; of a slice a list of frames. SI.
+
+        Raises
+        ------
+        IndexError
+            Where the motion has no such frame.
+        """
         if isinstance(number, slice):
             return [self[k] for k in range(len(self))[number]]
         k = self._counted(number)
@@ -418,7 +528,23 @@ class Motion:
         )
 
     def position(self, number: int) -> Numbers:
-        """Positions (n, 3) m of the frame with this number, which may be negative as in motion[number]. Raises IndexError."""
+        """Read the positions of a frame alone.
+
+        Parameters
+        ----------
+        number : int
+            Of the frame; negative numbers count from the end.
+
+        Returns
+        -------
+        array (n, 3), m
+            Positions of the particles.
+
+        Raises
+        ------
+        IndexError
+            Where the motion has no such frame.
+        """
         k = self._counted(number)
         path = self.folder / MOTION
         vtkhdf = frame_files()
@@ -447,5 +573,16 @@ class Motion:
             raise IndexError(f"frame: received {number}; motion has {has}") from None
 
     def nearest(self, time: float) -> int:
-        """Number of the frame nearest to a time in s."""
+        """Find the frame nearest to a time.
+
+        Parameters
+        ----------
+        time : float, s
+            Any time.
+
+        Returns
+        -------
+        int
+            Number of the frame.
+        """
         return int(np.argmin(np.abs(self.times - time)))

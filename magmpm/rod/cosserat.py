@@ -42,11 +42,32 @@ Surroundings = Callable[[Array, Array], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class RodShape:
-    """Equilibrium of the rod at the n + 1 frames.
+    """Shape of a rod at rest, at its n + 1 frames.
 
-    s (n + 1,) m; position (n + 1, 3) m; frames (n + 1, 3, 3), columns tangent and section axes; curvature (n + 1, 3) 1/m in the
-    frame (twist, two bendings); stretch (n + 1, 3): material strain v (1 and 0, 0 when unloaded); iterations; stable: whether the
-    energy has a minimum there. quaternions (n + 1, 4) of the frames, and the field (n + 1, 3) T and weight (n + 1, 3) N they are in.
+    Attributes
+    ----------
+    s : array (n + 1,), m
+        Arc lengths of the undeformed rod.
+    position : array (n + 1, 3), m
+        Of the frames' origins.
+    frames : array (n + 1, 3, 3), no unit
+        Columns: the tangent and the two axes of the section.
+    curvature : array (n + 1, 3), 1/m
+        In the frame: twist and two bendings.
+    strain : array (n + 1, 3), no unit
+        Of the material, v: (1, 0, 0) when unloaded.
+    iterations : int
+        Of the solve.
+    stable : bool
+        Whether the energy has a minimum there.
+    energy : float, J
+        Of the rod.
+    quaternions : array (n + 1, 4), no unit
+        Of the frames.
+    field : array (n + 1, 3), T
+        The external field that the frames are in.
+    weight : array (n + 1, 3), N
+        The weight beyond each frame.
     """
 
     s: Array
@@ -62,7 +83,18 @@ class RodShape:
     weight: Array
 
     def at(self, s: Array) -> Array:
-        """Positions (k, 3) m at arc lengths s (k,) m of the undeformed rod."""
+        """Find places on the axis.
+
+        Parameters
+        ----------
+        s : array (k,), m
+            Arc lengths of the undeformed rod.
+
+        Returns
+        -------
+        array (k, 3), m
+            Positions there.
+        """
         return linear(s, self.s, self.position)
 
 

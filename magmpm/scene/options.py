@@ -40,7 +40,29 @@ MOST_FRAMES = 100_000
 
 
 class Dynamic(Settings):
-    """Motion in time by explicit steps."""
+    """Motion in time by explicit steps.
+
+    Parameters
+    ----------
+    duration : float or str, s
+        How long the motion is followed.
+    output_every : float or str, s, optional
+        Time between frames on disk; a hundredth of the duration unless given.
+    time_step : float or str, s, optional
+        Time step; chosen below the stable bound unless given, and refused above it.
+    safety : float, no unit, optional
+        Chosen time step over the largest stable one; 0.8 unless given.
+    max_disk : float or str, bytes, optional
+        What the motion's files may take; all there is unless given.
+    max_memory : float or str, bytes, optional
+        What particles and grid may take in memory; all there is unless given.
+
+    Examples
+    --------
+    >>> from magmpm import Dynamic
+    >>> len(Dynamic(duration="0.5 s", output_every="5 ms").frame_times)
+    100
+    """
 
     duration: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] = Field(
         description="How long the motion is followed.", examples=["0.5 s"]
@@ -116,7 +138,27 @@ class Dynamic(Settings):
 
 
 class QuasiStatic(Settings):
-    """Equilibria along time, each found from the one before."""
+    """Equilibria along time, each found from the one before.
+
+    Parameters
+    ----------
+    steps : int, optional
+        Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this or
+        `at`.
+    at : sequence of float or str, s, optional
+        Times of the equilibria, rising; give this or `steps`.
+    duration : float or str, s, optional
+        With `steps`: when the last equilibrium is; the end of the field's schedule unless
+        given.
+    max_disk : float or str, bytes, optional
+        What the files of all steps may take; all there is unless given.
+
+    Examples
+    --------
+    >>> from magmpm import QuasiStatic
+    >>> QuasiStatic(at=["0 s", "0.1 s", "0.15 s"]).at  # s
+    (0.0, 0.1, 0.15)
+    """
 
     steps: int | None = Field(
         default=None,
@@ -310,7 +352,35 @@ def _remanence(value: Any) -> str:
 
 
 class Material(Settings):
-    """A material of the body, magnetic or plain: a silicone, or as stiff as a metal."""
+    """A material of the body, magnetic or plain: a silicone, or as stiff as a metal.
+
+    Parameters
+    ----------
+    model : {'neo-hookean'}, optional
+        Elastic law; neo-hookean unless given.
+    shear_modulus : float or str, Pa
+        Shear modulus G at small strain.
+    bulk_to_shear : float, no unit
+        Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone; above 2/3,
+        so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive, and at most 10000.
+    density : float or str, kg/m^3, optional
+        Mass per volume; needed for gravity.
+    remanence : float or str, T, optional
+        Remanent flux density Br; 0 mT, plain silicone, unless given.
+    magnetization_law : {'stretches', 'rotates'}, optional
+        Magnetization of the deformed material: F Br, which stretches with it (unless given), or
+        R Br, which only rotates.
+    friction : float, no unit, optional
+        Coulomb's coefficient of friction of its surface, in place of the one that ground, walls
+        or self_contact names. Of two parts that touch, and both name one, the smaller counts.
+
+    Examples
+    --------
+    >>> from magmpm import Material
+    >>> silicone = Material(shear_modulus="120 kPa", bulk_to_shear=20, remanence="138 mT")
+    >>> silicone.shear_modulus, silicone.remanence  # Pa, T
+    (120000.0, 0.138)
+    """
 
     model: Literal["neo-hookean"] = Field(
         default="neo-hookean",
@@ -402,7 +472,18 @@ _ERROR = {
 
 
 class Static(Settings):
-    """Equilibrium: how it is sought."""
+    """Equilibrium: how it is sought.
+
+    Parameters
+    ----------
+    tolerance : float, no unit, optional
+        Stops when a step can win less than this part of the energy; 1e-11 unless given.
+    max_steps : int, optional
+        Most Newton steps of a solve; 60 unless given. Of STL parts, which have no rod's shape
+        to start from, ten times this.
+    field_steps : int, optional
+        Steps in which field and gravity grow from zero; chosen by the solver unless given.
+    """
 
     tolerance: float = Field(
         default=1e-11,
@@ -512,7 +593,35 @@ def _read_error(value: Any, info: ValidationInfo) -> float | str:
 
 
 class Resolution(Settings):
-    """Fineness of the grid: given in cells, or chosen for an error or a time."""
+    """Fineness of the grid: given in cells, or chosen for an error or a time.
+
+    Parameters
+    ----------
+    cells_across : int, optional
+        Grid cells across a catheter's diameter, a strip's thickness, or the thinnest part; 4
+        unless given.
+    particles_per_cell : int, optional
+        Particles in a cell along each direction; 2 unless given; one point can't carry a cell's
+        second moments.
+    from_tip : True, optional
+        Cells are counted from the tip, so that they stay in the material while the inserted
+        length changes; the one at the base takes what is left. Unless given, all cells between
+        two materials are equal.
+    error : float or str, optional
+        The largest error wanted, a share of the length or a length: the program chooses the
+        cells, and proves the error; give this, `seconds`, or cells_across.
+    of : {'centreline', 'tip'}, optional
+        Where `error` is meant: anywhere on the centreline (unless given), or at the tip.
+    seconds : float or str, s, optional
+        The best answer within this time, with its error: the program chooses the cells; give
+        this, `error`, or cells_across.
+
+    Examples
+    --------
+    >>> from magmpm import Resolution
+    >>> Resolution(error="1 %").allowed(0.04)  # m, of a body of 0.04 m
+    0.0004
+    """
 
     cells_across: int = Field(
         default=4,

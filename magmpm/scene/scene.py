@@ -64,11 +64,32 @@ class FrozenDict(dict[K, V]):
 
 
 def load_scene(path: Path | str | Mapping[str, Any]) -> Scene:
-    """The scene that the file at this path describes, with all quantities in SI; or what a dict with the keys of such a file does, whose
-    quantities are text with units or numbers in SI, and whose paths are relative to the working folder.
+    """Read a scene from its file, with all quantities in SI; or make it of a dict with the keys of such a file.
 
-    Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file, by
-    line, key, value received, rule and remedy.
+    Parameters
+    ----------
+    path : Path, str or Mapping[str, Any]
+        Path of the file. Of a dict quantities are text with units or numbers in SI, and its
+        paths are relative to the working folder.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    InputError
+        Lists everything wrong with the file, by line, key, value received, rule and remedy.
+    NotThereYet
+        If all that is wrong is keys of a later version.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml")
+    >>> scene.length  # m
+    0.04
     """
     data = path if isinstance(path, Mapping) else read_yaml(path)
     _refuse_other_files(data)
@@ -146,13 +167,75 @@ OF_STUDIES = {
 
 
 class Scene(Settings):
-    """Scene to simulate, the method, and the resolution. SI floats inside; immutable."""
+    """Scene to simulate, the method, and the resolution. SI floats inside; immutable.
+
+    Parameters
+    ----------
+    name : str
+        Names the folder of results.
+    materials : dict of str to Material
+        Materials by name.
+    body : Body
+        What moves: a catheter, a strip, or parts given as STL meshes.
+    field : FieldSource, optional
+        The outside magnetic field; none unless given.
+    move : dict of str to Move, optional
+        What holds the body is moved: base, tip (of a strip that both ends hold), or held parts
+        by their names.
+    effects : Effects, optional
+        What is simulated; what is not named is not, and costs nothing. auto: the program
+        chooses, and says what and why.
+    solver : Solver, optional
+        Static unless given.
+    resolution : Resolution, optional
+        How fine the grid is: {cells_across: 4} unless given.
+    advice : {'on', 'off'}, optional
+        Whether `magmpm run` warns of effects that are not named and would move the answer: on,
+        unless given, or off.
+    reference : Reference, optional
+        A known answer.
+
+    Examples
+    --------
+    >>> from magmpm import Catheter, Gravity, MagneticTorque, Material, Scene, Segment, UniformField
+    >>> silicone = Material(
+    ...     shear_modulus="120 kPa", bulk_to_shear=20, density="1882 kg/m^3", remanence="138 mT"
+    ... )
+    >>> rod = Catheter(
+    ...     length="40 mm",
+    ...     diameter="4 mm",
+    ...     material="silicone",
+    ...     segments=[Segment(magnetization=[1, 0, 0])],
+    ... )
+    >>> scene = Scene(
+    ...     name="rod",
+    ...     materials={"silicone": silicone},
+    ...     body=rod,
+    ...     field=UniformField(uniform=["0 mT", "0 mT", "8 mT"]),
+    ...     effects=[MagneticTorque(), Gravity()],
+    ... )
+    >>> scene.save("rod.yaml").name
+    'rod.yaml'
+    """
 
     _field_on_nodes: ExternalField | None = PrivateAttr(None)
 
     @staticmethod
     def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
-        """Say where keys of a study, among these values, belong."""
+        """Say where a key that belongs in a study should stand.
+
+        Parameters
+        ----------
+        key : str
+            A key that a scene does not have.
+        values : Mapping[str, Any]
+            What stands beside it.
+
+        Returns
+        -------
+        Instead or None
+            What to write in its place; None of a key of which nothing is known.
+        """
         if plain_word(key) not in OF_STUDIES:
             return None
         return Instead(
@@ -232,7 +315,13 @@ class Scene(Settings):
         return self
 
     def check_energy(self) -> None:
-        """Raises InputError where an equilibrium has no energy: with torque or force alone, in a field that varies in space."""
+        """Refuse a scene whose equilibrium has no energy: with torque or force alone, in a field that varies in space.
+
+        Raises
+        ------
+        InputError
+            Names the effect that is missing.
+        """
         if (missing := rules.without_energy(self)) is not None:
             rule, remedy = rules.NO_ENERGY
             raise InputError(f"effects.{missing}", received="nothing", rule=rule, remedy=remedy)
@@ -254,7 +343,13 @@ class Scene(Settings):
         return dynamic.duration if dynamic is not None else (self.path_times() or [0.0])[-1]
 
     def path_times(self) -> list[float]:
-        """Times (s) of the equilibria along time; none where the scene requests none."""
+        """List the times of the equilibria along time.
+
+        Returns
+        -------
+        list of float, s
+            Times, rising; none where the scene requests no such equilibria.
+        """
         quasi_static = self.solver.quasi_static
         ends = [end_time(self.field), *(move.end for move in (self.move or {}).values())]
         return [] if quasi_static is None else quasi_static.times(max(ends))
@@ -262,7 +357,13 @@ class Scene(Settings):
     # what the scene says, put together
 
     def regions(self) -> tuple[Region, ...]:
-        """Regions of the body, each with one material: segments from base to tip, or parts."""
+        """List the regions of the body, each with one material.
+
+        Returns
+        -------
+        tuple of Region
+            Segments from base to tip, or parts.
+        """
         return self.body.shape.regions()
 
     @property
@@ -291,15 +392,43 @@ class Scene(Settings):
         return self.body.shape.clamp == "base"
 
     def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Lower and upper corner of the box around the undeformed body, m."""
+        """Find the box around the undeformed body.
+
+        Returns
+        -------
+        tuple of (float, float, float), m
+            Its lower and its upper corner.
+        """
         return self.body.shape.box()
 
     def external_field(self) -> ExternalField:
-        """The external field around the body, with its tables. Raises SceneError (fields.external_field)."""
+        """Make the external field around the body, with its tables.
+
+        Returns
+        -------
+        Field
+            The field, which can be evaluated wherever the body may come.
+
+        Raises
+        ------
+        SceneError
+            Where it can't be made around this body (fields.external_field).
+        """
         return self._field_on_nodes or self._field_around()
 
     def on_field_nodes_of(self, other: Scene) -> Scene:
-        """This scene with the magnets' field on the nodes of another's table: from one to the other it changes smoothly."""
+        """Make this scene with the magnets' field on the nodes of another scene's table, so that it changes smoothly from one to the other.
+
+        Parameters
+        ----------
+        other : Scene
+            The scene whose table has the nodes.
+
+        Returns
+        -------
+        Scene
+            This scene with such a table; the scene itself where the other's field has no table.
+        """
         nodes = other.external_field().nodes
         if nodes is None:
             return self
@@ -317,11 +446,33 @@ class Scene(Settings):
         return external_field(self.field, box, anchored=self.anchored, cell=self.cell, nodes=nodes)
 
     def region_material(self, index: int) -> Material:
-        """The material of the region (segment or part) with this index. Raises IndexError."""
+        """Find the material of a region.
+
+        Parameters
+        ----------
+        index : int
+            Index of the region, a segment or part.
+
+        Returns
+        -------
+        Material
+            Its material.
+
+        Raises
+        ------
+        IndexError
+            Where the body has no such region.
+        """
         return self.materials[self.regions()[index].material_name]
 
     def region_remanence(self) -> NDArray[np.float64]:
-        """Remanent flux density of each region in the undeformed body, (k, 3) T."""
+        """Find the remanent flux density of each region in the undeformed body.
+
+        Returns
+        -------
+        array (k, 3), T
+            A row for each of the k regions; zeros where it is not magnetized.
+        """
         return np.array(
             [
                 [self.materials[p.material_name].remanence * x for x in p.magnetization]
@@ -330,15 +481,33 @@ class Scene(Settings):
         )
 
     def magnetized_regions(self) -> list[int]:
-        """Indices of the segments that have a direction and a remanence."""
+        """Find the regions that have a direction of magnetization and a remanence.
+
+        Returns
+        -------
+        list of int
+            Their indices.
+        """
         return [int(i) for i in np.flatnonzero(self.region_remanence().any(axis=1))]
 
     def reference_centreline(self) -> NDArray[np.float64] | None:
-        """Rows [s, x, y, z] of the known answer, (m, 4) m, or None."""
+        """Find the known answer that the scene names.
+
+        Returns
+        -------
+        array (m, 4), m, or None
+            Rows [s, x, y, z]; None where the scene names none.
+        """
         return None if self.reference is None else np.array(self.reference.centreline)
 
     def warnings(self) -> list[str]:
-        """Warn of settings that the author may not have meant: one sentence each."""
+        """Warn of settings that the author may not have meant.
+
+        Returns
+        -------
+        list of str
+            One sentence each.
+        """
         return rules.warnings(self)
 
     def __repr__(self) -> str:
@@ -374,13 +543,33 @@ class Scene(Settings):
     # scenes to and from data, and scenes made of scenes
 
     def to_si(self) -> dict[str, Any]:
-        """Plain data in SI (numbers, text, lists, dicts), as `from_si` reads it."""
+        """Write the scene as plain data in SI, as `from_si` reads it.
+
+        Returns
+        -------
+        dict[str, Any]
+            Numbers, text, lists and dicts.
+        """
         return self.model_dump(mode="json")
 
     def save(self, path: Path | str) -> Path:
         """Write the scene as a file with units, from which load_scene makes an equal one; its reference as a table next to it.
 
-        Raises InputError for scenes with a measured map or another table that a file names by its path, and then writes nothing.
+        Parameters
+        ----------
+        path : Path or str
+            The file to write.
+
+        Returns
+        -------
+        Path
+            The path.
+
+        Raises
+        ------
+        InputError
+            For scenes with a measured map or another table that a file names by its path;
+            nothing is written then.
         """
         from magmpm.scene.derived import save
 
@@ -388,13 +577,35 @@ class Scene(Settings):
 
     @classmethod
     def from_si(cls, data: Mapping[str, Any]) -> Scene:
-        """The scene that plain SI data describe. Raises InputError."""
+        """Make the scene that plain SI data describe.
+
+        Parameters
+        ----------
+        data : Mapping[str, Any]
+            As `to_si` returns them.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        InputError
+            For whatever breaks a rule of scenes.
+        """
         return validate(cls, data)
 
     def hash(self) -> str:
-        """SHA-256, in hex, of all that decides the answer: everything but `name`, `reference` and `advice`.
+        """Find the SHA-256 of all that decides the answer: everything but `name`, `reference` and `advice`.
 
-        The same for any layout of the file, order of keys and choice of units; numbers count to 12 digits.
+        It is the same for any layout of the file, order of keys and choice of units; numbers count
+        to 12 digits.
+
+        Returns
+        -------
+        str
+            64 hexadecimal digits.
         """
         content = self.model_dump(
             mode="json", exclude={"name", "reference", "advice"}, exclude_none=True
@@ -402,9 +613,31 @@ class Scene(Settings):
         return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True).encode()).hexdigest()
 
     def with_magnetizations(self, directions: ArrayLike) -> Scene:
-        """The scene with these directions, (k, 3), no unit, for its k segments, normalized; zeros remove the magnetization.
+        """Make the scene with other directions of magnetization.
 
-        Raises InputError when the shape is another, a number is not finite, or the body has a profile in place of segments.
+        Parameters
+        ----------
+        directions : array (k, 3), no unit
+            A direction for each of the k segments or parts, of any length; zeros remove the
+            magnetization.
+
+        Returns
+        -------
+        Scene
+            The new scene.
+
+        Raises
+        ------
+        InputError
+            If the shape is another, a number is not finite, or the body has a magnetization
+            profile in place of segments.
+
+        Examples
+        --------
+        >>> import magmpm
+        >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml")
+        >>> scene.with_magnetizations([[0, 0, 2]]).regions()[0].magnetization
+        (0.0, 0.0, 1.0)
         """
         given = np.asarray(directions, dtype=float)
         regions = self.regions()
@@ -423,9 +656,30 @@ class Scene(Settings):
         return Scene.from_si(data)
 
     def with_field(self, uniform: ArrayLike | str | Sequence[float | str]) -> Scene:
-        """The scene in this uniform field, (3,) T, numbers or text with units; other sources and the schedule stay.
+        """Make the scene in another uniform field; its other sources and its schedule stay.
 
-        One number or text, as in with_field("4 mT"), is the strength of a field along that of the scene. Raises InputError.
+        Parameters
+        ----------
+        uniform : array (3,), T, sequence, float or str
+            Components along x, y and z, numbers in T or text with units. One number or text, as
+            in `with_field("4 mT")`, is the strength of a field along that of the scene.
+
+        Returns
+        -------
+        Scene
+            The new scene.
+
+        Raises
+        ------
+        InputError
+            For a wrong quantity, or a strength alone where the scene has no uniform field.
+
+        Examples
+        --------
+        >>> import magmpm
+        >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml")
+        >>> scene.with_field(["0 mT", "3 mT", 0.004]).field.uniform  # T
+        (0.0, 0.003, 0.004)
         """
         data = self.to_si()
         given = uniform.tolist() if isinstance(uniform, np.ndarray) else uniform
@@ -446,9 +700,34 @@ class Scene(Settings):
         return found
 
     def with_material(self, name: str | None = None, **properties: Any) -> Scene:
-        """The scene with these properties of a material, numbers in SI or text: `scene.with_material(shear_modulus="90 kPa")`.
+        """Make the scene with other properties of a material.
 
-        name: the material, which is made if the scene has none of that name; left out, the scene's only one. Raises InputError.
+        Parameters
+        ----------
+        name : str, optional
+            The material, which is made if the scene has none of that name; the scene's only one
+            unless given.
+        **properties : object
+            Keys of a material (Material), numbers in SI or text with units.
+
+        Returns
+        -------
+        Scene
+            The new scene.
+
+        Raises
+        ------
+        InputError
+            For a wrong property, a scene of several materials without a name, or a new material
+            without a shear modulus.
+
+        Examples
+        --------
+        >>> import magmpm
+        >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml")
+        >>> softer = scene.with_material(shear_modulus="90 kPa")
+        >>> softer.region_material(0).shear_modulus  # Pa
+        90000.0
         """
         data = self.to_si()
         if name is None and len(self.materials) > 1:
@@ -471,7 +750,23 @@ class Scene(Settings):
         )
 
     def with_cells(self, cells_across: int) -> Scene:
-        """The scene with cells_across its thickness in place of an error, a time or a spacing. Raises InputError."""
+        """Make the scene with a given number of cells, in place of an error, a time or a spacing.
+
+        Parameters
+        ----------
+        cells_across : int
+            Number of grid cells across the body's thickness.
+
+        Returns
+        -------
+        Scene
+            The new scene.
+
+        Raises
+        ------
+        InputError
+            For a number that the body can't have.
+        """
         data = self.to_si()
         kept = {
             key: value
@@ -483,20 +778,65 @@ class Scene(Settings):
         return Scene.from_si({**data, "resolution": {"cells_across": cells_across, **kept}})
 
     def inserted(self, length: float | str) -> Scene:
-        """The scene of the catheter's last `length` (m, or text), outside a guide: an equilibrium, clamped at the exit, the origin.
+        """Make the scene of the catheter's last piece, outside a guide: an equilibrium, clamped at the exit, the origin.
 
-        Inside the guide the catheter is straight and held, so nothing but this length matters. A segment that the exit cuts keeps what is
-        outside; region i here is region i + (regions there) - (regions here) of the whole; a rest of a segment below a hundredth of the
-        diameter counts to the next one. Effects that act in motion only, feed, obstacles and the reference stay out. At the whole
-        length the shape is that of the whole catheter. Field and gravity are as they are.
-        length: one diameter (a shorter piece is no rod) to the whole. Raises InputError, also for other bodies.
+        Inside the guide the catheter is straight and held, so nothing but this piece matters. A
+        segment that the exit cuts keeps what is outside; region i here is region i + (regions
+        there) - (regions here) of the whole; a rest of a segment below a hundredth of the diameter
+        counts to the next one. Effects that act in motion only, feed, obstacles and the reference
+        stay out. At the whole length the shape is that of the whole catheter. Field and gravity are
+        as they are.
+
+        Parameters
+        ----------
+        length : float, m, or str
+            Length outside the guide: from one diameter (a shorter piece is no rod) to the
+            whole.
+
+        Returns
+        -------
+        Scene
+            The new scene.
+
+        Raises
+        ------
+        InputError
+            For another length, and for bodies other than a catheter.
+
+        Examples
+        --------
+        >>> import magmpm
+        >>> scene = magmpm.load_scene("data/scenes/five_segments.yaml").inserted("20 mm")
+        >>> round(scene.length, 6)  # m
+        0.02
         """
         return Scene.from_si(inserted_data(self, self.to_si(), in_si(length, "length", "length")))
 
     def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Scene:
-        """The scene with these effects named (by settings, {} for the usual) or, given None, not named.
+        """Make the scene with other effects; those not mentioned stay as they are.
 
-        Effects not mentioned stay as they are: `scene.with_effects(gravity={}, magnetic_torque=None)`. Raises InputError.
+        Parameters
+        ----------
+        **effects : Mapping[str, Any], Settings or None
+            By key, the settings of an effect, {} for the usual ones; or None, and the effect is
+            not named.
+
+        Returns
+        -------
+        Scene
+            The new scene.
+
+        Raises
+        ------
+        InputError
+            For an unknown effect or a wrong setting.
+
+        Examples
+        --------
+        >>> import magmpm
+        >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml")
+        >>> scene.with_effects(gravity={}, magnetic_torque=None).effects.gravity.acceleration  # m/s^2
+        (0.0, 0.0, -9.81)
         """
         data = self.to_si()
         changed = {

@@ -33,10 +33,23 @@ from magmpm.statics.newton import refined
 
 
 class Linearized:
-    """The neighborhood of an equilibrium for k variables of its scene, with the factors of its tangent."""
+    """Neighborhood of an equilibrium for k variables of its scene, with the factors of its tangent.
+
+    Parameters
+    ----------
+    found : Equilibrium
+        The equilibrium, with its energy.
+    variables : sequence of Variable
+        Numbers of the scene that may change.
+
+    Raises
+    ------
+    SolveError
+        Where the tangent has an eigenvalue that is not positive, or counts as zero.
+    """
 
     def __init__(self, found: Equilibrium, variables: Sequence[Variable]) -> None:
-        """Raises SolveError where the tangent has an eigenvalue that is not positive, or counts as zero."""
+        """Factor the tangent, and find how the residual changes with each variable."""
         assert found.energy is not None
         if found.stability is not None and found.stability < NEUTRAL:
             raise SolveError(
@@ -205,9 +218,29 @@ class Linearized:
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units, per unit of each variable.
+    """Derivatives of an equilibrium's shape with respect to k variables of its scene, in SI per unit of each variable.
 
-    result: the equilibrium; variables: what is changed, in the order of the last axis. Each derivative is computed when first requested.
+    Each derivative is computed when it is first requested.
+
+    Attributes
+    ----------
+    result : Result
+        The equilibrium.
+    variables : tuple of Variable
+        What is changed, in the order of the last axis of the derivatives.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> import numpy as np
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> found = magmpm.sensitivities(scene, of=["field"])
+    >>> found.units
+    ('T', 'T', 'T')
+    >>> at_the_tip = np.zeros((len(found.result.centreline), 3))
+    >>> at_the_tip[-1, 2] = 1.0  # of an objective that is the height of the axis's end
+    >>> bool(np.allclose(found.adjoint(at_the_tip), found.centreline[-1, 2]))
+    True
     """
 
     result: Any  # results.result.Result, which statics does not know
@@ -228,17 +261,46 @@ class Sensitivities:
         return self._near.centreline
 
     def mean(self, region: int | None = None) -> Array:
-        """Derivatives (3, k), m per unit, of the mean position of a region (a segment or part), or of the body.
+        """Find the derivatives of the mean position of a region, or of the body, for variables that leave the undeformed shape as it is.
 
-        Of variables that leave the body's shape as it is. Raises ValueError for lengths and diameters.
+        Parameters
+        ----------
+        region : int, optional
+            Index of a segment or part; the whole body unless given.
+
+        Returns
+        -------
+        array (3, k), m per unit
+            A column for each variable.
+
+        Raises
+        ------
+        ValueError
+            For lengths and diameters.
         """
         volume = self._volumes(region)
         return self._near.mean(volume / volume.sum())
 
     def moments(self, region: int | None = None) -> Array:
-        """Derivatives (3, 3, k), m^2 per unit, of the mean of x_i X_j over a region or the body: X is that undeformed, from its mean.
+        """Find the derivatives of the first moments of a region, or of the body, which decide how it turns.
 
-        What decides how it turns. Of variables that leave the body's shape as it is. Raises ValueError for lengths and diameters.
+        They are the mean of x_i X_j, where X is the undeformed place, from its mean. For variables
+        that leave the undeformed shape as it is.
+
+        Parameters
+        ----------
+        region : int, optional
+            Index of a segment or part; the whole body unless given.
+
+        Returns
+        -------
+        array (3, 3, k), m^2 per unit
+            Of i and j for each variable.
+
+        Raises
+        ------
+        ValueError
+            For lengths and diameters.
         """
         volume = self._volumes(region)
         share = volume / volume.sum()
@@ -247,9 +309,25 @@ class Sensitivities:
         return np.stack([self._near.mean(share * arm) for arm in arms.T], axis=1)
 
     def contact_force(self, obstacle: str) -> Array:
-        """Derivatives (3, k), N per unit, of the sum of an obstacle's forces on the body: "ground" or "walls".
+        """Find the derivatives of the sum of an obstacle's forces on the body.
 
-        Exact while the same points of the surface touch it; where one begins to, the derivative jumps. Raises ValueError for another name.
+        They are exact while the same points of the surface touch the obstacle; where one begins to,
+        the derivative jumps.
+
+        Parameters
+        ----------
+        obstacle : str
+            "ground" or "walls".
+
+        Returns
+        -------
+        array (3, k), N per unit
+            A column for each variable.
+
+        Raises
+        ------
+        ValueError
+            For a name that is none of the scene's obstacles, and for forces between parts.
         """
         known = list(self.result.contacts)
         if obstacle not in known:
@@ -277,9 +355,24 @@ class Sensitivities:
         return tuple(variable.unit for variable in self.variables)
 
     def at(self, arc_lengths: Array) -> Array:
-        """Derivatives (m, 3, k), m per unit, of `results.measures.centreline_at(result, arc_lengths)`, arc_lengths (m,) m.
+        """Find the derivatives of the axis at fixed arc lengths, those of `results.measures.centreline_at(result, arc_lengths)`.
 
-        Exact, as that is: parabolas through three rows. Raises ValueError for an arc length outside the body.
+        They are exact, as that is: parabolas through three rows.
+
+        Parameters
+        ----------
+        arc_lengths : array (m,), m
+            Along the undeformed axis.
+
+        Returns
+        -------
+        array (m, 3, k), m per unit
+            Of x, y and z at each arc length for each variable.
+
+        Raises
+        ------
+        ValueError
+            For an arc length outside the body.
         """
         s = np.asarray(arc_lengths, dtype=float)
         rows = self.result.centreline
@@ -290,9 +383,22 @@ class Sensitivities:
         return values.reshape(len(s), 3, k) - slope[:, :, None] * moved[:, None, :]
 
     def adjoint(self, gradient: Array) -> Array:
-        """dJ/d(variable) (k,) of an objective J with this gradient dJ/d(centreline) (stations, 3), in J's unit per m.
+        """Find the derivatives of an objective of the axis, by one substitution, however many variables there are.
 
-        One substitution, however many variables. Raises ValueError for a gradient of another shape.
+        Parameters
+        ----------
+        gradient : array (stations, 3), the objective's unit per m
+            Its derivatives with respect to x, y and z of the rows of `result.centreline`.
+
+        Returns
+        -------
+        array (k,), the objective's unit per unit of each variable
+            Its derivatives with respect to the variables.
+
+        Raises
+        ------
+        ValueError
+            For a gradient of another shape.
         """
         gradient = np.asarray(gradient, dtype=float)
         rows = self.result.centreline

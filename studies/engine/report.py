@@ -51,14 +51,66 @@ NEARLY = 1.1
 
 @dataclass(frozen=True)
 class StudyReport:
-    """A study's state. SI.
+    """State of a study, in SI, with its finished trials.
 
-    trials: finished ones, of which `failed` got the penalty, and `refused` were less stable than the study's margin;
-    exchanged: those that exchanged a direction of the best design or went a step on from it, beyond the `wanted` ones;
-    best: {number, rms_m, tip_error_m, stability, params, magnetization (k, 3),
-    field_T} of the best trial (best_trial), or None; first_trial_below_stop: number (from 0, as the dashboard
-    counts) of the first trial that reached `stop`, None without one; seconds_per_trial: median of solve, picture and
-    storage; storage: the database's URL (without password); ended: why the study is not running any more.
+    Attributes
+    ----------
+    name : str
+        Of the study.
+    out : Path
+        The folder of its results.
+    storage : str
+        URL of the database, without a password.
+    sampler : str
+        Its name.
+    seed : int
+        Of the study.
+    wanted : int
+        Trials that are asked for.
+    stop_rms_m : float, m, or None
+        The distance below which the study stops; None without one.
+    trials : int
+        Number of finished ones.
+    failed : int
+        How many of these got the penalty.
+    refused : int
+        How many were less stable than the study's margin.
+    best : dict[str, Any] or None
+        Of the best trial (best_trial): number, rms_m, tip_error_m, stability, params,
+        magnetization (k, 3), field_T; None without one.
+    first_trial_below_stop : int or None
+        Number (from 0, as the dashboard counts) of the first trial that reached `stop`; None
+        without one.
+    seconds_per_trial : float, s, or None
+        Median of solve, picture and storage.
+    ended : Ended
+        Why the study is not running any more.
+    rms_m : list of float, m
+        Distance of every finished trial in order; failed ones have the penalty.
+    failed_trials : list of int
+        Places of the failed ones in `rms_m`.
+    reasons : list of str
+        Why each of them failed, or was refused.
+    measure_m : list of float, m, or None
+        Of a study with `robust`, what each trial counts as: the mean plus two standard
+        deviations.
+    front : dict[str, Any] or None
+        Of a study with two objectives: objectives, values, pareto, compromise (objectives.py).
+    warnings : list of str
+        What a user should know of the search.
+    why_sampler : str or None
+        Why this sampler, where the study's file names none.
+    artifacts : str or None
+        Where the trials' pictures are, if not in the folder itself.
+    study_file : str or None
+        The study's file, from the root.
+    limits : list of dict[str, Any]
+        What holds the best design back (explain_miss), each with what it `says`.
+    exchanged : int
+        Trials beyond the wanted ones that exchanged a direction of the best design, or went a
+        step on from it.
+    judged : list of dict[str, Any]
+        The best designs on finer grids, best first.
     """
 
     name: str
@@ -75,24 +127,18 @@ class StudyReport:
     first_trial_below_stop: int | None
     seconds_per_trial: float | None
     ended: Ended
-    rms_m: list[float]  # of every finished trial in order; failed ones carry the penalty
-    failed_trials: list[int]  # places of those in rms_m
-    reasons: list[str] = field(default_factory=list)  # why each of them failed, or was refused
-    measure_m: list[float] | None = None  # with `robust`: what each counts as, mean plus two sigma
-    front: dict[str, Any] | None = (
-        None  # of two objectives: objectives, values, pareto, compromise (objectives.py)
-    )
-    warnings: list[str] = field(default_factory=list)  # what a user should know of the search
-    why_sampler: str | None = None  # why this one, where the study's file names none
-    artifacts: str | None = None  # where the trials' pictures are, if not in the folder itself
-    study_file: str | None = None  # the study's file, from the root
-    limits: list[dict[str, Any]] = field(
-        default_factory=list
-    )  # what holds the best design back (explain_miss), each with what it `says`
+    rms_m: list[float]
+    failed_trials: list[int]
+    reasons: list[str] = field(default_factory=list)
+    measure_m: list[float] | None = None
+    front: dict[str, Any] | None = None
+    warnings: list[str] = field(default_factory=list)
+    why_sampler: str | None = None
+    artifacts: str | None = None
+    study_file: str | None = None
+    limits: list[dict[str, Any]] = field(default_factory=list)
     exchanged: int = 0
-    judged: list[dict[str, Any]] = field(
-        default_factory=list
-    )  # the best designs on finer grids, best first
+    judged: list[dict[str, Any]] = field(default_factory=list)
 
     def __repr__(self) -> str:
         best = (

@@ -49,10 +49,25 @@ FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not ta
 
 @dataclass(frozen=True)
 class Fitted:
-    """One constant. SI: value, its interval at the level requested (an end may be open: None), its standard error.
+    """One constant that a fit has found, in SI.
 
-    method: how the interval was found: linear or profile; widened or withheld where something else explains the residuals (misfit.py).
-    grid_shift: by how much a finer grid would move it, None: not known.
+    Attributes
+    ----------
+    constant : Constant
+        Which it is, with its unit.
+    value : float, the constant's unit
+        The best one.
+    error : float, the constant's unit
+        Its standard error.
+    low : float, the constant's unit, or None
+        Lower end of its interval at the level requested; None: open.
+    high : float, the constant's unit, or None
+        Upper end of it.
+    method : str
+        How the interval was found: linear or profile; widened or withheld where something else
+        explains the residuals (misfit.py).
+    grid_shift : float, the constant's unit, or None
+        By how much a finer grid would move the value; None: not known.
     """
 
     constant: Constant
@@ -66,11 +81,48 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of a fit. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
+    """Result of a fit of k constants to n numbers that were measured.
 
-    ratios: by what each table's sigma of lengths is larger than that, which is the first table's. suspects: what was taken as exact and
-    might explain residuals (misfit.py), likeliest first, None: no test; moves: by what of each suspect the constants change (suspects_of).
-    noise: where sigma is from: given | residuals | given, enlarged; correlation (k, k) of the constants.
+    Attributes
+    ----------
+    scene : Scene
+        With the constants as they were before.
+    measured : Measurements
+        The tables.
+    constants : tuple of Fitted
+        What was found of each constant.
+    level : float, no unit
+        Of the intervals: 0.95 is 95 %.
+    sigma_m : float, m
+        Standard deviation of measured lengths, of the first table.
+    sigma_rad : float, rad, or None
+        Of measured angles; None where there are none.
+    noise : str
+        Where the standard deviations are from: given; residuals; or given, enlarged.
+    residuals : array (n,), m or rad
+        Simulated minus measured.
+    labels : tuple of Label
+        What each residual is of.
+    degrees : int
+        Of freedom: numbers measured, less constants, plus those known beforehand.
+    correlation : array (k, k), no unit
+        Of the constants.
+    x : array (k,), no unit
+        The constants as the search counts them (Constant.value gives them in SI).
+    warnings : tuple of str
+        What a user should know, a sentence each.
+    solves : int
+        Number of simulations.
+    seconds : float, s
+        Wall time.
+    ratios : tuple of float, no unit
+        Standard deviation of each table's lengths over that of the first table.
+    suspects : tuple of Suspect or None
+        What was taken as exact and might explain residuals (misfit.py), likeliest first; None:
+        not tested.
+    moves : Mapping[str, Mapping[str, float]]
+        By the kind of a suspect and the name of a constant, the fraction by which that changes
+        for a fraction of the diameter, 1 mT or 1 rad (suspects_of).
     """
 
     scene: Scene
@@ -100,7 +152,18 @@ class Fit:
         )
 
     def sigma_of(self, label: Label) -> float:
-        """Standard deviation of a residual, m or rad."""
+        """Find the standard deviation of a residual.
+
+        Parameters
+        ----------
+        label : Label
+            Its label.
+
+        Returns
+        -------
+        float, m or rad
+            That of its table's lengths, or of angles.
+        """
         return (self.sigma_rad or 1.0) if label.angle else self.sigma_m * self.ratios[label.table]
 
     @property

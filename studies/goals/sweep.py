@@ -69,14 +69,47 @@ def sweep(
     folder: Path | str | None = None,
     on_row: Callable[[dict[str, Any]], None] | None = None,
 ) -> SweepTable:
-    """Run a scene for every combination of values of its numbers (DESIGN: addresses), and measure each answer.
+    """Run a scene for every combination of values of its numbers, and measure each answer.
 
-    values: for each address the values it takes, text with units, SI numbers, {} or None. measure: "tip", names of measures, their
-    settings as dicts, or functions of a Result (of the Motion of what runs along time). executor: any of concurrent.futures, Dask or MPI;
-    None: `workers` processes of its own, one for each CPU unless given. folder: where rows are kept and found again; None: nowhere.
-    on_row: is called with each new row.
-    A row whose values the scene refuses is not run, and says why in `failed`. Raises InputError for wrong addresses and measures, and where
-    the scene refuses every row, before the first run.
+    A row whose values the scene refuses is not run, and says why in `failed`.
+
+    Parameters
+    ----------
+    scene : Scene, Path, str or Mapping[str, Any]
+        A Scene, the path of its file, or a dict as load_scene takes.
+    values : Mapping[str, Sequence[Any]]
+        For each address of a number, such as "field.uniform[2]", the values that it takes: text
+        with units, SI numbers, {} or None.
+    measure : sequence of str, Mapping[str, Any] or callable, default (TIP,)
+        "tip", names of measures (docs/goals.md), their settings as dicts, or functions of a
+        Result (of the Motion of what runs along time).
+    executor : Executor, optional
+        Any of concurrent.futures, Dask or MPI. None: `workers` processes of its own.
+    workers : int, optional
+        Number of these processes; one for each CPU unless given.
+    folder : Path or str, optional
+        Where rows are kept, and found again. None: nowhere.
+    on_row : callable, optional
+        Called with each new row.
+
+    Returns
+    -------
+    SweepTable
+        The rows, one for each combination, in SI.
+
+    Raises
+    ------
+    InputError
+        For wrong addresses and measures, and where the scene refuses every row, before the
+        first run.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> table = magmpm.sweep(scene, {"field.uniform[2]": ["2 mT", "4 mT"]}, workers=1)
+    >>> len(table)
+    2
     """
     import os
 
