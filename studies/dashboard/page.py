@@ -33,7 +33,18 @@ Application = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
 
 
 def with_refused_states(script: str) -> str:
-    """The dashboard's script, with the states of refused trials."""
+    """Add the states of refused trials to the dashboard's script.
+
+    Parameters
+    ----------
+    script : str
+        The script.
+
+    Returns
+    -------
+    str
+        The script with them.
+    """
     return COLUMN.sub(NEW_COLUMN, CHIP.sub(NEW_CHIP, script))
 
 
@@ -48,7 +59,20 @@ STYLED = 'document.head.insertAdjacentHTML("beforeend", "<style>%s</style>");\n'
 
 
 def page(app: Application, write: bool) -> Application:
-    """The dashboard, a WSGI application, with that script. `write`: it may edit."""
+    """Serve the dashboard with that script.
+
+    Parameters
+    ----------
+    app : Application
+        The dashboard, a WSGI application.
+    write : bool
+        Whether it may edit.
+
+    Returns
+    -------
+    Application
+        The application.
+    """
     made: list[bytes] = []  # from the first request on
 
     def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
@@ -84,7 +108,24 @@ ALONE = "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
 
 
 def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> Application:
-    """The dashboard for who has the secret: the printed address, ?secret=..., gives it to the browser as a cookie. `write`: it may edit."""
+    """Serve the dashboard to who has the secret: the printed address, ?secret=..., gives it to the browser as a cookie.
+
+    Parameters
+    ----------
+    app : Application
+        The dashboard, a WSGI application.
+    guard : Guard
+        Knows the secret.
+    start_page : str
+        Path to which the printed address leads.
+    write : bool
+        Whether it may edit.
+
+    Returns
+    -------
+    Application
+        The application.
+    """
 
     def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
         cookie = f"magmpm-{environ.get('SERVER_PORT')}"

@@ -43,7 +43,20 @@ PERIOD = 3.0  # s between two looks for trials without a note
 
 
 def shown(name: str) -> tuple[str, float]:
-    """Label of a value, and the factor from its SI value."""
+    """Find how a value is shown.
+
+    Parameters
+    ----------
+    name : str
+        Of the value, with its SI unit.
+
+    Returns
+    -------
+    label : str
+        What is shown.
+    factor : float
+        From the SI value.
+    """
     return SHOWN[name] if name in SHOWN else shown_unit(name)
 
 
@@ -67,7 +80,13 @@ _Passing: Any = type(
 
 
 class DashboardView(_Passing):  # type: ignore[misc]
-    """A storage as the dashboard shall see it; what it does not change it passes on."""
+    """A storage as the dashboard shall see it; what it does not change it passes on.
+
+    Parameters
+    ----------
+    storage : BaseStorage
+        The storage.
+    """
 
     def __init__(self, storage: BaseStorage) -> None:
         self.storage = storage
@@ -75,7 +94,18 @@ class DashboardView(_Passing):  # type: ignore[misc]
         self._of_trial: dict[int, list[float]] = {}
 
     def factors(self, study_id: int) -> list[float]:
-        """Factors by which the values of a study are multiplied."""
+        """Find the factors by which the values of a study are multiplied.
+
+        Parameters
+        ----------
+        study_id : int
+            Number of the study in the storage.
+
+        Returns
+        -------
+        list of float
+            A factor for each value.
+        """
         if study_id not in self._factors:
             names = self.storage.get_study_system_attrs(study_id).get(METRICS) or []
             count = len(self.storage.get_study_directions(study_id))
@@ -162,6 +192,15 @@ class Notes:
     """Writes what the dashboard shows next to the numbers: notes on the study and its trials, and the study's pictures.
 
     Notes that somebody wrote are left alone.
+
+    Parameters
+    ----------
+    study : optuna.Study
+        The study in its storage.
+    folder : Path
+        The study's folder.
+    store : FileSystemArtifactStore or Boto3ArtifactStore
+        Where its pictures are.
     """
 
     report_name = REPORT
@@ -179,7 +218,13 @@ class Notes:
         )
 
     def keep_up(self) -> threading.Thread:
-        """A thread that does so while the study runs."""
+        """Begin a thread that writes while the study runs.
+
+        Returns
+        -------
+        threading.Thread
+            The thread.
+        """
         thread = threading.Thread(target=self._go_on, daemon=True)
         thread.start()
         return thread
@@ -309,5 +354,16 @@ def _from_here(path: Path) -> str:
 
 
 def plain(text: str) -> str:
-    """A text that Markdown shows as it is: names come from files."""
+    """Write a text so that Markdown shows it as it is: names come from files.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+
+    Returns
+    -------
+    str
+        On one line.
+    """
     return "".join(f"&#{ord(c)};" if c in "<>&`|[]\\" else c for c in str(text)).replace("\n", " ")

@@ -179,13 +179,25 @@ class StudyReport:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Content printed by `magmpm design --json`."""
+        """Return what `magmpm design --json` prints.
+
+        Returns
+        -------
+        dict[str, Any]
+            Plain data in SI.
+        """
         found = asdict(self)
         two = found.pop("front") or {}
         return {**found, **two, "out": str(self.out), "why": self.why}
 
     def save(self) -> Path:
-        """Writes the summary to OUT/study.json, whole or not at all. Returns the path."""
+        """Write the summary to OUT/study.json, whole or not at all.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
         path = self.out / REPORT
         with whole_file(path) as part:
             part.write_text(json.dumps(self.summary(), indent=1) + "\n", encoding="utf-8")

@@ -35,7 +35,20 @@ Picture = Callable[["Result", Path, Trial], Path | Sequence[Path]]
 
 
 def evaluation_of(study: Study, space: SearchSpace) -> Evaluation:
-    """The equilibria that a study requires."""
+    """Find which equilibria a study requires.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    space : SearchSpace
+        Its search space.
+
+    Returns
+    -------
+    Evaluation
+        How its designs are evaluated.
+    """
     return (
         InsertionTrajectory.of(study, space)
         or ScheduleTrajectory.of(study, space)
@@ -44,7 +57,21 @@ def evaluation_of(study: Study, space: SearchSpace) -> Evaluation:
 
 
 class Evaluator:
-    """Solves and evaluates the designs of a study, and draws them."""
+    """Solves and evaluates the designs of a study, and draws them.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    solve : callable
+        From a scene to its Result.
+    differentiate : callable or None
+        From a scene to its Sensitivities; None where there are no derivatives.
+    picture : Picture or None
+        Draws a trial; None: there are no pictures.
+    out : Path
+        The study's folder.
+    """
 
     def __init__(
         self,
@@ -63,9 +90,20 @@ class Evaluator:
         self.evaluation = evaluation_of(study, self.space)
 
     def outcome(self, number: int, params: Mapping[str, Any]) -> Outcome:
-        """The outcome of the design of a trial, with what to save.
+        """Find the outcome of the design of a trial, with what to save. Only interrupts, and disks that take no log, end this with an
+        exception.
 
-        Only interrupts, and disks that take no log, end this with an exception.
+        Parameters
+        ----------
+        number : int
+            Of the trial.
+        params : Mapping[str, Any]
+            Its parameters.
+
+        Returns
+        -------
+        Outcome
+            The outcome.
         """
         scene = self.scene_of(params)
         differentiate = self.differentiate if needs_derivatives(self.study) else None
@@ -78,7 +116,20 @@ class Evaluator:
         )
 
     def failed(self, params: Mapping[str, Any], reason: str) -> Outcome:
-        """The outcome of a design that could not be solved."""
+        """Make the outcome of a design that could not be solved.
+
+        Parameters
+        ----------
+        params : Mapping[str, Any]
+            Its parameters.
+        reason : str
+            Why it could not.
+
+        Returns
+        -------
+        Outcome
+            The outcome, with the penalty.
+        """
         outcome = Outcome(None, penalty(self.study.scene), None, reason, 0.0)
         return dataclasses.replace(
             outcome, known=self._known(outcome, self.scene_of(params), params)
@@ -91,7 +142,19 @@ class Evaluator:
         ) | space.quantities(params)
 
     def scene_of(self, params: Mapping[str, Any]) -> Scene:
-        """The scene of a trial; of an insertion that of its last depth, of a schedule that of its last time."""
+        """Make the scene of a trial.
+
+        Parameters
+        ----------
+        params : Mapping[str, Any]
+            Its parameters.
+
+        Returns
+        -------
+        Scene
+            The scene; of an insertion that of its last depth, of a schedule that of its last
+            time.
+        """
         return self.evaluation.scenes(params)[-1]
 
     def _drawn(self, number: int, outcome: Outcome, known: dict[str, Any]) -> list[Path]:
@@ -110,7 +173,24 @@ class Evaluator:
 
 
 def trial_of(study: Study, number: int, outcome: Outcome, best: float | None) -> Trial:
-    """A trial as callbacks see it; best: value of the best trial before it."""
+    """Make a trial as callbacks see it.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    number : int
+        Of the trial.
+    outcome : Outcome
+        Of its design.
+    best : float, m, or None
+        Value of the best trial before it.
+
+    Returns
+    -------
+    Trial
+        The trial.
+    """
     improved = outcome.accepted and (best is None or outcome.value < best)
     return Trial(
         number,

@@ -59,11 +59,33 @@ class Trajectory(Evaluation, ABC):
 
     @abstractmethod
     def weights(self, number: int) -> Array:
-        """Weights of the squared lengths of the gaps (m,); they sum to 1."""
+        """Find the weights of the squared lengths of an equilibrium's gaps.
+
+        Parameters
+        ----------
+        number : int
+            Of the equilibrium.
+
+        Returns
+        -------
+        array (m,), no unit
+            They sum to 1.
+        """
 
     @abstractmethod
     def way(self, params: Mapping[str, Any]) -> RodPath | None:
-        """The rods of a design on the way from each equilibrium to the next; None where the body is no rod in a uniform field."""
+        """Find the rods of a design on the way from each equilibrium to the next.
+
+        Parameters
+        ----------
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        RodPath or None
+            The rods; None where the body is no rod in a uniform field.
+        """
 
     @abstractmethod
     def _way(self, scene: Scene) -> RodPath:
@@ -105,7 +127,18 @@ class Trajectory(Evaluation, ABC):
         return [self.parameters(design) for design in found[:wanted]]
 
     def parameters(self, design: RodTrajectoryDesign) -> dict[str, float]:
-        """A rod's design as the study's parameters; numbers within bounds are in the middle."""
+        """Write a rod's design as the study's parameters; numbers within bounds are in the middle.
+
+        Parameters
+        ----------
+        design : RodTrajectoryDesign
+            The rod's design.
+
+        Returns
+        -------
+        dict[str, float]
+            Parameters by name.
+        """
         x = np.full(self.space.size, 0.5)
         directions = design.directions[list(self.space.segments)]
         x[: directions.size] = directions.ravel()
@@ -113,7 +146,18 @@ class Trajectory(Evaluation, ABC):
         return self.space.parameters_at(x)
 
     def fields(self, params: Mapping[str, Any]) -> Array:
-        """The field of each equilibrium (n, 3), T."""
+        """Find the field of each equilibrium of a design.
+
+        Parameters
+        ----------
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        array (n, 3), T
+            The fields.
+        """
         return np.array(
             [self.space.field(params, self.field_number(k)) for k in range(len(self.places))]
         )
@@ -122,7 +166,18 @@ class Trajectory(Evaluation, ABC):
         return penalty(self.space.scene)
 
     def mean_squares(self, results: Sequence[Result]) -> Array:
-        """The mean squared gap of each equilibrium, m^2."""
+        """Find the mean squared gap of each equilibrium.
+
+        Parameters
+        ----------
+        results : sequence of Result
+            The equilibria.
+
+        Returns
+        -------
+        array (n,), m^2
+            Weighted means.
+        """
         return np.array(
             [
                 self.weights(k) @ np.sum(self.gaps(result, k) ** 2, axis=1)
@@ -131,7 +186,20 @@ class Trajectory(Evaluation, ABC):
         )
 
     def rows(self, results: Sequence[Result], params: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """The field and the distances of each equilibrium, T and m."""
+        """Describe each equilibrium.
+
+        Parameters
+        ----------
+        results : sequence of Result
+            The equilibria.
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        list of dict[str, Any]
+            Field (T) and distances (m) of each.
+        """
         each = zip(self.fields(params), self.mean_squares(results), results, strict=True)
         return [
             {
@@ -143,7 +211,18 @@ class Trajectory(Evaluation, ABC):
         ]
 
     def field_changes(self, params: Mapping[str, Any]) -> dict[str, float]:
-        """Changes of the field from one equilibrium to the next: the largest change, and their sum, T."""
+        """Find the changes of the field from one equilibrium to the next.
+
+        Parameters
+        ----------
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        dict[str, float], T
+            The largest change, and their sum.
+        """
         changes = np.linalg.norm(np.diff(self.fields(params), axis=0), axis=1)
         return {
             "field_largest_change_T": float(changes.max(initial=0.0)),
@@ -151,7 +230,18 @@ class Trajectory(Evaluation, ABC):
         }
 
     def hidden(self, found: Sensitivities) -> int:
-        """Number of segments of the whole body, from its base, that this equilibrium does not have."""
+        """Count the segments of the whole body, from its base, that an equilibrium does not have.
+
+        Parameters
+        ----------
+        found : Sensitivities
+            The equilibrium and its derivatives.
+
+        Returns
+        -------
+        int
+            Their number.
+        """
         return 0
 
     def _derived(
@@ -187,17 +277,33 @@ class Trajectory(Evaluation, ABC):
 class ScheduleTrajectory(Trajectory):
     """A field over time that brings a body through given shapes at given times.
 
-    The twin of insertion: the body stays as it is, and the field at each of the times is unknown, with a magnetization (and what else
-    varies) that all times share. Each shape is the equilibrium that the body comes to from the one before (rod_path.py; where a field
-    varies in space, the one that grows from no load); between the times the field changes evenly, as keyframes of a scene do. So a schedule
-    holds for motions that are slow beside the body's own (`magmpm report --motion` compares with a motion).
+    The twin of insertion: the body stays as it is, and the field at each of the times is unknown,
+    with a magnetization (and what else varies) that all times share. Each shape is the equilibrium
+    that the body comes to from the one before (rod_path.py; where a field varies in space, the one
+    that grows from no load); between the times the field changes evenly, as keyframes of a scene
+    do. So a schedule holds for motions that are slow beside the body's own (`magmpm report
+    --motion` compares with a motion).
 
-    rms: root of the mean, over all times, of the mean squared distance from that time's target; worst: the largest rms of a single time.
+    rms: root of the mean, over all times, of the mean squared distance from that time's target;
+    worst: the largest rms of a single time.
     """
 
     @classmethod
     def of(cls, study: Study, space: SearchSpace) -> ScheduleTrajectory | None:
-        """None where the study has no times."""
+        """Make it for a study with times.
+
+        Parameters
+        ----------
+        study : Study
+            The study.
+        space : SearchSpace
+            Its search space.
+
+        Returns
+        -------
+        ScheduleTrajectory or None
+            How its designs are evaluated; None where the study has no times.
+        """
         return cls(study, space) if study.keyframes else None
 
     @property
@@ -255,12 +361,29 @@ class ScheduleTrajectory(Trajectory):
 
 @dataclass(frozen=True)
 class Shapes:
-    """The shapes of a schedule as curves."""
+    """The shapes of a schedule as curves.
+
+    Attributes
+    ----------
+    paths : tuple of Curve
+        A curve for each time.
+    """
 
     paths: tuple[Curve, ...]
 
     def flattened(self, share: float) -> Shapes:
-        """The shapes with this share of their curvature."""
+        """Make the shapes with a share of their curvature.
+
+        Parameters
+        ----------
+        share : float, no unit
+            0 is straight, 1 these shapes.
+
+        Returns
+        -------
+        Shapes
+            The flatter shapes.
+        """
         return Shapes(tuple(path.flattened(share) for path in self.paths))
 
 
@@ -298,20 +421,35 @@ def _rod(scene: Scene, path: Curve, count: int) -> Depth:
 class InsertionTrajectory(Trajectory):
     """A catheter is pushed out of a guide, and the field at each depth lets its whole body follow the path of its tip.
 
-    One equilibrium at each depth, each an ordinary static scene (Scene.inserted), in that depth's field. What is outside the guide at depth
-    l is compared with the path's first l, at equal arc length from the exit on.
+    One equilibrium at each depth, each an ordinary static scene (Scene.inserted), in that depth's
+    field. What is outside the guide at depth l is compared with the path's first l, at equal arc
+    length from the exit on.
 
-    * body rms: root of the mean, over all depths, of the mean squared distance along the inserted length (STATIONS stations).
-    * exit error: distance of the tip from the path's end, at full insertion (at the last depth from the path's point there).
+    * body rms: root of the mean, over all depths, of the mean squared distance along the inserted
+      length (STATIONS stations).
+    * exit error: distance of the tip from the path's end, at full insertion (at the last depth from
+      the path's point there).
     * worst depth: the largest rms of a single depth.
-    * smoothness of the field: its largest change between neighboring depths, and the sum of the changes, T.
+    * smoothness of the field: its largest change between neighboring depths, and the sum of the
+      changes, T.
 
-    The value of a trial is its body rms. Samplers that read residuals get the exit's as well, which counts EXIT_WEIGHT as much as all of
-    the body: the body's rms alone would leave the tip 2 to 4 times as far away as the rest.
+    The value of a trial is its body rms. Samplers that read residuals get the exit's as well, which
+    counts EXIT_WEIGHT as much as all of the body: the body's rms alone would leave the tip 2 to 4
+    times as far away as the rest.
 
-    A body that is pushed has at each depth the equilibrium that it comes to from the depth before. So a rod is pushed along (rod_path.py),
-    and each depth's equilibrium is the one near it; in a field that varies in space, the one on the branch that grows from no load. Where a
-    depth has none, the trial gets the penalty, and the reason names the depth.
+    A body that is pushed has at each depth the equilibrium that it comes to from the depth before.
+    So a rod is pushed along (rod_path.py), and each depth's equilibrium is the one near it; in a
+    field that varies in space, the one on the branch that grows from no load. Where a depth has
+    none, the trial gets the penalty, and the reason names the depth.
+
+    Attributes
+    ----------
+    study : Study
+        The study.
+    space : SearchSpace
+        Its search space.
+    path : Curve
+        The path of the insertion.
     """
 
     path: Curve
@@ -320,7 +458,20 @@ class InsertionTrajectory(Trajectory):
 
     @classmethod
     def of(cls, study: Study, space: SearchSpace) -> InsertionTrajectory | None:
-        """None where the study has no depths."""
+        """Make it for a study with depths.
+
+        Parameters
+        ----------
+        study : Study
+            The study.
+        space : SearchSpace
+            Its search space.
+
+        Returns
+        -------
+        InsertionTrajectory or None
+            How its designs are evaluated; None where the study has no depths.
+        """
         return cls(study, space, Curve(study.target)) if study.depths else None
 
     @property
@@ -378,8 +529,20 @@ class InsertionTrajectory(Trajectory):
     def write_moments(
         self, folder: Path, solve: Solve, params: Mapping[str, Any], note: Note = silent
     ) -> None:
-        """Writes the frames of the movie of a design into a folder: all depths on the way, each in a field between those of its neighbors.
+        """Write the frames of the movie of a design: all depths on the way, each in a field between those of its neighbors.
+
         A depth that finds no equilibrium is left out.
+
+        Parameters
+        ----------
+        folder : Path
+            Where they are written.
+        solve : callable
+            From a scene to its Result.
+        params : Mapping[str, Any]
+            The design.
+        note : Note, default silent
+            Told in words what is being done.
         """
         whole = self.space.scene_of(params)
         frames = []
@@ -448,11 +611,28 @@ class InsertionTrajectory(Trajectory):
         )
 
     def directions_alone(self) -> SearchSpace:
-        """The search space without the fields."""
+        """Make the search space without the fields.
+
+        Returns
+        -------
+        SearchSpace
+            The smaller space.
+        """
         return replace(self.space, field_max=None, fields=1)
 
     def with_fields(self, chosen: Mapping[str, Any]) -> dict[str, Any]:
-        """Parameters of directions, with those of the field that the rod finds for each depth."""
+        """Add to parameters of directions those of the field that the rod finds for each depth.
+
+        Parameters
+        ----------
+        chosen : Mapping[str, Any]
+            Parameters of directions.
+
+        Returns
+        -------
+        dict[str, Any]
+            All parameters.
+        """
         directions = self.directions_alone().directions(chosen)
         fitted = self.rods.rods.fitted(self.path, directions)
         mended = None if fitted.state is None else self.rods.mended(fitted, turning=False)
@@ -460,7 +640,18 @@ class InsertionTrajectory(Trajectory):
 
 
 def shape_of(result: Result) -> dict[str, Any]:
-    """Data that pictures need of one equilibrium, m and T."""
+    """Collect what pictures need of one equilibrium.
+
+    Parameters
+    ----------
+    result : Result
+        The equilibrium.
+
+    Returns
+    -------
+    dict[str, Any]
+        Plain data, in m and T.
+    """
     axis = centreline_at(result, _stations(result))
     rows = {
         "axis_m": axis,
@@ -471,7 +662,18 @@ def shape_of(result: Result) -> dict[str, Any]:
 
 
 def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
-    """Data that pictures need of each depth or time, from a trial's attributes or a design; () where it is one equilibrium."""
+    """Collect what pictures need of each depth or time.
+
+    Parameters
+    ----------
+    kept : Mapping[str, Any]
+        A trial's attributes, or a design.
+
+    Returns
+    -------
+    tuple of dict[str, Any]
+        Plain data of each; none where it is one equilibrium.
+    """
     if DEPTHS not in kept:
         return tuple(kept.get(SHAPES, ()))
     whole = {key: kept[key] for key in (CATHETER,) if key in kept}

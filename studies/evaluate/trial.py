@@ -49,33 +49,51 @@ Note = Callable[[str], object]  # is told in words what is being done
 
 
 def silent(text: str) -> None:
-    """A Note that says nothing."""
+    """Say nothing: the Note of who wants none.
+
+    Parameters
+    ----------
+    text : str
+        What would be said.
+    """
 
 
 @dataclass(frozen=True)
 class Scatter:
     """Effect of manufacturing errors on a design, to first order: the scatter of its shape, and the mean and spread of its rms.
 
-    Errors are independent and normal. Each magnetized segment's direction d is tilted by two angles, one along each of two perpendicular
-    axes across d, both of the standard deviation `direction` (so the tilt itself, whatever way, has the root mean square of sqrt(2) times
-    that). Each material's remanence, and each material's shear modulus, are multiplied by 1 + an error of their own; segments of one
-    material share it.
+    Errors are independent and normal. Each magnetized segment's direction d is tilted by two
+    angles, one along each of two perpendicular axes across d, both of the standard deviation
+    `direction` (so the tilt itself, whatever way, has the root mean square of sqrt(2) times that).
+    Each material's remanence, and each material's shear modulus, are multiplied by 1 + an error of
+    their own; segments of one material share it.
 
-    The gaps g (m, 3) between shape and target then are g0 + J e, with e of the covariance S (diagonal). With M = J S^(1/2) and z of
-    independent standard normal numbers,
+    The gaps g (m, 3) between shape and target then are g0 + J e, with e of the covariance S
+    (diagonal). With M = J S^(1/2) and z of independent standard normal numbers,
 
         rms^2 = |g0 + M z|^2 / m,                    E[rms^2] = (|g0|^2 + tr M M^T) / m   exactly.
 
-    The rms is no linear function of z where g0 is small: there its mean is not the rms of the mean. So both moments are those of the root
-    itself. With the singular values s_i of M, c_i = u_i.g0 the part of g0 along each of their left vectors, and r^2 the rest of |g0|^2, the
-    Laplace transform of m rms^2 is
+    The rms is no linear function of z where g0 is small: there its mean is not the rms of the mean.
+    So both moments are those of the root itself. With the singular values s_i of M, c_i = u_i.g0
+    the part of g0 along each of their left vectors, and r^2 the rest of |g0|^2, the Laplace
+    transform of m rms^2 is
 
         phi(t) = exp(-t r^2) prod_i (1 + 2 t s_i^2)^(-1/2) exp(-t c_i^2 / (1 + 2 t s_i^2)),
 
-    and the mean of the root follows from it by E[sqrt(q)] = 1/(2 sqrt(pi)) integral from 0 to infinity of (1 - phi(t)) t^(-3/2) dt.
-    Sources: Mathai and Provost, Quadratic Forms in Random Variables (1992), chapter 3 (phi); Cressie and Borkent, J. Stat. Plan.
-    Inference 13 (1986) 337 (fractional moments). The measure of a study is mean + 2 sigma.
-    gaps (m, 3) m: nominal, from target to shape; spread (m, 3, k) m: by one standard deviation of each error.
+    and the mean of the root follows from it by E[sqrt(q)] = 1/(2 sqrt(pi)) integral from 0 to
+    infinity of (1 - phi(t)) t^(-3/2) dt. The measure of a study is mean + 2 sigma.
+
+    Attributes
+    ----------
+    gaps : array (m, 3), m
+        Of the nominal design, from target to shape.
+    spread : array (m, 3, k), m
+        Their change by one standard deviation of each error.
+
+    References
+    ----------
+    Mathai and Provost, Quadratic Forms in Random Variables (1992), chapter 3 (phi); Cressie and
+    Borkent, J. Stat. Plan. Inference 13 (1986) 337 (fractional moments).
     """
 
     gaps: Array
@@ -87,7 +105,13 @@ class Scatter:
         return float(np.sqrt(np.sum(self.spread**2) / len(self.gaps)))
 
     def moments(self) -> tuple[float, float]:
-        """Mean and standard deviation (m) of the rms of made designs."""
+        """Find mean and standard deviation of the rms of made designs.
+
+        Returns
+        -------
+        tuple of float, m
+            Both.
+        """
         m = len(self.gaps)
         g = self.gaps.reshape(-1)
         left, s, _ = np.linalg.svd(self.spread.reshape(g.size, -1), full_matrices=False)
@@ -122,7 +146,13 @@ class Scatter:
         return mean + SIGMAS * sigma
 
     def attributes(self) -> dict[str, Any]:
-        """Attributes that a trial stores of it, m."""
+        """Collect the attributes that a trial stores of it.
+
+        Returns
+        -------
+        dict[str, Any]
+            Values by name, in m.
+        """
         mean, sigma = self.moments()
         return {
             "measure_m": mean + SIGMAS * sigma,
@@ -133,7 +163,18 @@ class Scatter:
 
 
 def kinds(errors: Robust) -> list[str]:
-    """Kinds of variables to request of `magmpm.sensitivities`."""
+    """Find which kinds of variables to request of `magmpm.sensitivities`.
+
+    Parameters
+    ----------
+    errors : Robust
+        Those of manufacture.
+
+    Returns
+    -------
+    list of str
+        The kinds that have an error.
+    """
     named = {
         "magnetization": errors.direction,
         "remanence": errors.remanence,
@@ -143,7 +184,22 @@ def kinds(errors: Robust) -> list[str]:
 
 
 def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> Array:
-    """The standard deviation (k,) of each variable of a scene's sensitivities, in its unit; 0 for those that have no error."""
+    """Find the standard deviation of each variable of a scene's sensitivities.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    variables : sequence of Variable
+        The k variables.
+    errors : Robust
+        Those of manufacture.
+
+    Returns
+    -------
+    array (k,), each variable's unit
+        0 for those that have no error.
+    """
 
     def of(variable: Variable) -> float:
         if variable.kind == "magnetization":
@@ -157,11 +213,34 @@ def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> A
 
 @dataclass(frozen=True)
 class Trial:
-    """A finished trial, as callbacks see it. SI.
+    """A finished trial, as callbacks see it.
 
-    rms_m is what the trial counts as (Outcome.value), the penalty when the solve failed for `reason`; tip_error_m is None then;
-    best_rms_m: least so far, this trial included; finished of wanted trials are done; seconds: all of this trial; seconds_left: guessed,
-    until the last trial.
+    Attributes
+    ----------
+    number : int
+        Of the trial.
+    rms_m : float, m
+        What the trial counts as (Outcome.value): the penalty if the solve failed.
+    tip_error_m : float, m, or None
+        Distance of the tips; None if the solve failed.
+    best_rms_m : float, m, or None
+        Least so far, this trial included.
+    improved : bool
+        Whether this trial is the best so far.
+    reason : str or None
+        Why the solve failed.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    finished : int
+        How many trials are done.
+    wanted : int
+        How many there are to be.
+    seconds : float, s
+        All of this trial.
+    seconds_left : float, s
+        A guess, until the last trial.
+    shapes : tuple of Mapping[str, Any]
+        Of an insertion or a schedule what pictures need of each depth or time.
     """
 
     number: int
@@ -180,9 +259,34 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of solving a design: a result and its distances (m), or the penalty and the reason.
+    """Outcome of solving a design: a result and its distances, or the penalty and the reason.
 
     A design that is refused keeps its result and distances, with the reason.
+
+    Attributes
+    ----------
+    result : Result or None
+        The last equilibrium, or None.
+    rms : float, m
+        Distance from the target, or the penalty.
+    tip_error : float, m, or None
+        Distance of the tips.
+    reason : str or None
+        Why it failed or was refused.
+    seconds : float, s
+        Of the solves.
+    model : Mapping[str, Any]
+        Attributes of a solve with derivatives.
+    stability : float, no unit, or None
+        Of the result (Result.stability).
+    refused : bool
+        Solved, but less stable than the study's margin.
+    known : dict[str, Any]
+        Attributes to save of the trial.
+    files : list of Path
+        Its pictures.
+    drawing : float, s
+        How long drawing took.
     """
 
     result: Result | None
@@ -209,15 +313,41 @@ class Outcome:
 
 
 def penalty(scene: Scene) -> float:
-    """Value of a failed solve, m: the catheter's length.
+    """Find the value of a failed solve: the catheter's length.
 
-    Finite, so that samplers learn from it, and farther from the target than most designs: a straight catheter is nearer.
+    It is finite, so that samplers learn from it, and farther from the target than most designs: a
+    straight catheter is nearer.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    float, m
+        The value.
     """
     return scene.length
 
 
 def attempted(work: Callable[[], Found], scene: Scene, log: Path) -> Found | str:
-    """Outcome of `work`, or the reason why it failed; unexpected errors are logged with their traceback. Interrupts pass through."""
+    """Do some work, and say why it failed if it did; unexpected errors are logged with their traceback. Interrupts pass through.
+
+    Parameters
+    ----------
+    work : callable
+        The work.
+    scene : Scene
+        Its scene, for the log.
+    log : Path
+        The log's file.
+
+    Returns
+    -------
+    Found or str
+        What the work returns, or the reason why it failed.
+    """
     try:
         return work()
     except SolveError as error:
@@ -230,7 +360,15 @@ def attempted(work: Callable[[], Found], scene: Scene, log: Path) -> Found | str
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The equilibria that a study requires of each design, and how far they are from its target: here one."""
+    """The equilibria that a study requires of each design, and how far they are from its target: here one.
+
+    Attributes
+    ----------
+    study : Study
+        The study.
+    space : SearchSpace
+        Its search space.
+    """
 
     study: Study
     space: SearchSpace
@@ -241,23 +379,83 @@ class Evaluation:
         return ("",)
 
     def target(self, number: int) -> Array:
-        """Rows [s, x, y, z] (m, 4) m that an equilibrium is compared with."""
+        """Find what an equilibrium is compared with.
+
+        Parameters
+        ----------
+        number : int
+            Of the equilibrium.
+
+        Returns
+        -------
+        array (m, 4), m
+            Rows [s, x, y, z].
+        """
         return self.study.target
 
     def field_number(self, number: int) -> int:
-        """Number of the design's field that an equilibrium has."""
+        """Find which of the design's fields an equilibrium has.
+
+        Parameters
+        ----------
+        number : int
+            Of the equilibrium.
+
+        Returns
+        -------
+        int
+            Number of the field.
+        """
         return number if self.space.fields > 1 else -1
 
     def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
-        """The scene of each equilibrium of a design."""
+        """Make the scene of each equilibrium of a design.
+
+        Parameters
+        ----------
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        list of Scene
+            The scenes.
+        """
         return [self.space.scene_of(params, self.field_number(k)) for k in range(len(self.places))]
 
     def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
-        """The rod near which each equilibrium is, or None where it is on the branch that grows from no load. Raises SolveError."""
+        """Find the rod near which each equilibrium is.
+
+        Parameters
+        ----------
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        sequence of RodShape or None
+            A rod for each; None where it is on the branch that grows from no load.
+
+        Raises
+        ------
+        SolveError
+            Where a rod finds no equilibrium.
+        """
         return [None] * len(self.places)
 
     def rod_starts(self, note: Note = silent) -> list[dict[str, float]]:
-        """Parameters of the rod's best designs, best first. note: is told what is being done, where it takes long."""
+        """Find the rod's best designs.
+
+        Parameters
+        ----------
+        note : Note, default silent
+            Told in words what is being done, where it takes long.
+
+        Returns
+        -------
+        list of dict[str, float]
+            Parameters, best first.
+        """
         note("designs of rods")
         sets = (
             self.study.limits is not None and self.study.limits.directions is not None
@@ -267,23 +465,91 @@ class Evaluation:
         return improved(self.space, self.study.target, starts)
 
     def gaps(self, result: Result, number: int) -> Array:
-        """Vectors (m, 3) m from the target to the shape of an equilibrium."""
+        """Find the vectors from the target to the shape of an equilibrium.
+
+        Parameters
+        ----------
+        result : Result
+            The equilibrium.
+        number : int
+            Of the equilibrium.
+
+        Returns
+        -------
+        array (m, 3), m
+            The vectors.
+        """
         return gaps(result, self.target(number))
 
     def slopes(self, found: Sensitivities, number: int) -> Array:
-        """Their derivatives (m, 3, k), m per unit of each variable of `found`."""
+        """Find the derivatives of an equilibrium's gaps.
+
+        Parameters
+        ----------
+        found : Sensitivities
+            The equilibrium with its derivatives by k variables.
+        number : int
+            Of the equilibrium.
+
+        Returns
+        -------
+        array (m, 3, k), m per unit
+            Of each gap for each variable.
+        """
         return gap_derivatives(found, self.target(number))
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
-        """Measures reported of a design: rms_m, which is its value, and more."""
+        """Measure a design.
+
+        Parameters
+        ----------
+        results : sequence of Result
+            Its equilibria.
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        dict[str, Any]
+            Measures by name: rms_m, which is its value, and more.
+        """
         return {"rms_m": root_mean_square(self.gaps(results[0], 0))}
 
     def penalty(self, params: Mapping[str, Any]) -> float:
-        """Value of a design that is not solved, m."""
+        """Find the value of a design that is not solved.
+
+        Parameters
+        ----------
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        float, m
+            The value.
+        """
         return penalty(self.scenes(params)[-1])
 
     def last_result(self, solve: Solve, params: Mapping[str, Any]) -> Result:
-        """The last equilibrium of a design. Raises SolveError."""
+        """Solve the last equilibrium of a design.
+
+        Parameters
+        ----------
+        solve : callable
+            From a scene to its Result.
+        params : Mapping[str, Any]
+            The design.
+
+        Returns
+        -------
+        Result
+            The equilibrium.
+
+        Raises
+        ------
+        SolveError
+            Where there is none.
+        """
         return solve(self.scenes(params)[-1], **_near(self.starts(params)[-1]))
 
     @property
@@ -300,10 +566,27 @@ class Evaluation:
         params: Mapping[str, Any],
         log: Path,
     ) -> Outcome:
-        """Solves all equilibria of a design. differentiate: where derivatives are read.
+        """Solve all equilibria of a design, and compare them with the target.
 
-        A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason; interrupts pass through. A
-        design that is less stable than the study's margin is refused.
+        A solve that fails in any way, or ends in numbers that are not finite, gives the penalty
+        with a reason; interrupts pass through. A design that is less stable than the study's margin
+        is refused.
+
+        Parameters
+        ----------
+        solve : callable
+            From a scene to its Result.
+        differentiate : callable or None
+            From a scene to its Sensitivities, where derivatives are read; else None.
+        params : Mapping[str, Any]
+            The design.
+        log : Path
+            File for unexpected errors.
+
+        Returns
+        -------
+        Outcome
+            The outcome.
         """
         begun = time.perf_counter()
 
@@ -412,7 +695,20 @@ def _near(start: RodShape | None) -> dict[str, RodShape]:
 
 
 def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
-    """Optuna's constraints of a trial, satisfied at 0 and below; the same ones for every trial of a study, however it ended."""
+    """Find Optuna's constraints of a trial, satisfied at 0 and below; the same ones for every trial of a study, however it ended.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of the trial.
+    margin : float, no unit, or None
+        The least stability that the study allows.
+
+    Returns
+    -------
+    dict[str, float]
+        Constraints by name.
+    """
     if margin is None:
         return {}
     return {"stability": 1.0 if outcome.stability is None else margin - outcome.stability}
@@ -421,9 +717,23 @@ def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
 def attributes(
     outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """Attributes stored of a trial in addition to its parameters and value: user attributes, plain data in SI.
+    """Collect the attributes that are stored of a trial in addition to its parameters and value.
 
-    directions (k, 3): magnetization of each segment; uniform field (3,) T.
+    Parameters
+    ----------
+    outcome : Outcome
+        Of the trial.
+    scene : Scene
+        Its scene.
+    directions : array (k, 3), no unit
+        Magnetization of each segment.
+    uniform : array (3,), T
+        The uniform field.
+
+    Returns
+    -------
+    dict[str, Any]
+        Plain data in SI.
     """
     result = outcome.result
     kept: dict[str, Any] = {
@@ -450,22 +760,52 @@ def attributes(
 
 
 def versions() -> Mapping[str, str]:
-    """Versions of what chose the trials; the result names those of what solved it."""
+    """Find the versions of what chose the trials; the result names those of what solved them.
+
+    Returns
+    -------
+    Mapping[str, str]
+        Versions by name.
+    """
     from importlib.metadata import version
 
     return {name: version(name) for name in ("magmpm", "optuna")}
 
 
 def needs_derivatives(study: Study) -> bool:
-    """True if the trials of a study are solved with derivatives."""
+    """Tell whether the trials of a study are solved with derivatives.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    bool
+        True if they are.
+    """
     return study.sampler == "gauss-newton" or study.robust is not None
 
 
 def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:
-    """The attributes of residuals (m,) and their Jacobian (m, k), as JSON with 9 digits: a step of the sampler needs no more.
+    """Write residuals and their Jacobian as attributes: JSON with 9 digits, as a step of the sampler needs no more.
 
-    Optuna keeps an attribute in a column of the type TEXT, which holds anything in SQLite and PostgreSQL, but 65 535 bytes in MySQL. Where
-    a Jacobian is longer, its QR factorization is stored in place of both: r = Q r', J = Q J' have the same sums of squares for every step.
+    Optuna keeps an attribute in a column of the type TEXT, which holds anything in SQLite and
+    PostgreSQL, but 65 535 bytes in MySQL. Where a Jacobian is longer, its QR factorization is
+    stored in place of both: r = Q r', J = Q J' have the same sums of squares for every step.
+
+    Parameters
+    ----------
+    residuals : array (m,)
+        The residuals.
+    jacobian : array (m, k)
+        Their derivatives.
+
+    Returns
+    -------
+    dict[str, Any]
+        The attributes.
     """
     if (
         jacobian.size > 3600 and len(residuals) > jacobian.shape[1] + 1

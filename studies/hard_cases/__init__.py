@@ -32,9 +32,21 @@ Done = Callable[[int, int, str], None]
 def run_cases(
     cases: Sequence[Case], *, processes: int = 2, on_done: Done = lambda done, count, name: None
 ) -> list[CaseOutcome]:
-    """The outcomes of cases, in their order. The long ones begin first; each process has its share of the cores.
+    """Run cases in processes, each of which has its share of the cores; the long ones begin first.
 
-    on_done(done, number of cases, name): called after each.
+    Parameters
+    ----------
+    cases : sequence of Case
+        The cases.
+    processes : int, default 2
+        How many run at the same time.
+    on_done : Done, optional
+        `on_done(done, number of cases, name)` is called after each.
+
+    Returns
+    -------
+    list of CaseOutcome
+        Their outcomes, in the cases' order.
     """
     processes = min(processes, len(cases), threads_each(1))
     if processes < 2:

@@ -16,8 +16,24 @@ from magmpm.scene import Scene
 class Case:
     """A scene at the edge of what the solvers can do, and one number that tells whether it went well.
 
-    weak: what a weak code does there; quantity: what `measure(scene)` returns, with its unit; it must be at most `bound`;
-    source: of the bound or of the exact answer; slow: takes longer than a few seconds.
+    Attributes
+    ----------
+    name : str
+        Of the case.
+    scene : callable
+        Makes its scene.
+    weak : str
+        What a weak code does there.
+    quantity : str
+        What `measure` returns, in words, with its unit.
+    measure : callable
+        Runs the scene and returns the number.
+    bound : float
+        What the number must be at most, in the same unit.
+    source : str
+        Of the bound, or of the exact answer.
+    slow : bool
+        Whether it takes longer than a few seconds.
     """
 
     name: str
@@ -30,7 +46,17 @@ class Case:
     slow: bool = False
 
     def run(self) -> tuple[float, float, str]:
-        """The measure, the seconds it took, and why the run failed, if it did: then the measure is infinite."""
+        """Run the case.
+
+        Returns
+        -------
+        measure : float
+            The number; infinite if the run failed.
+        seconds : float, s
+            How long it took.
+        reason : str
+            Why the run failed; empty if it did not.
+        """
         begun = perf_counter()
         reason = ""
         try:
@@ -43,7 +69,19 @@ class Case:
 
 @dataclass(frozen=True)
 class CaseOutcome:
-    """A case that was run: its measure, the seconds it took, and the reason why the run failed, if it did."""
+    """A case that was run.
+
+    Attributes
+    ----------
+    case : Case
+        The case.
+    measure : float
+        Its number, in the unit that the case names.
+    seconds : float, s
+        How long it took.
+    reason : str
+        Why the run failed; empty if it did not.
+    """
 
     case: Case
     measure: float
@@ -56,7 +94,13 @@ class CaseOutcome:
         return self.measure <= self.case.bound
 
     def summary(self) -> dict[str, Any]:
-        """Plain data; a measure that is not finite is None."""
+        """Write the outcome as plain data; a measure that is not finite is None.
+
+        Returns
+        -------
+        dict[str, Any]
+            Values by name.
+        """
         about = {
             key: getattr(self.case, key) for key in ("name", "weak", "quantity", "bound", "source")
         }
@@ -71,7 +115,18 @@ class CaseOutcome:
 
 
 def table(outcomes: list[CaseOutcome]) -> str:
-    """The outcomes as text."""
+    """Write outcomes as text.
+
+    Parameters
+    ----------
+    outcomes : list of CaseOutcome
+        The outcomes.
+
+    Returns
+    -------
+    str
+        A line for each.
+    """
     lines = [f"{'case':<36} {'measure':>9} {'bound':>9}  {'':<6} {'seconds':>7}  what is measured"]
     for o in outcomes:
         word = "ok" if o.passed else "FAILED"

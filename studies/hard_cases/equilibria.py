@@ -61,7 +61,18 @@ PRECISION = np.float64  # in which particles are kept whose order is changed
 
 
 def from_rod(scene: Scene) -> float:
-    """Distance of the tip from the rod's, over L."""
+    """Measure how far the tip is from the rod's.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    float, no unit
+        The distance over the body's length.
+    """
     return float(np.linalg.norm(tip_of(run(scene)) - solve_rod(scene).position[-1])) / scene.length
 
 

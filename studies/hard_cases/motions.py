@@ -37,8 +37,24 @@ FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilev
 
 
 def at_rest(scene: Scene) -> tuple[TotalMotion, float, float]:
-    """The undeformed body, its chosen time step and the largest stable one, s. No step ends early because the body has grown stiffer than
-    the step was chosen for: a run would find a new one, a case keeps its own.
+    """Make the motion of the undeformed body.
+
+    No step ends early because the body has grown stiffer than the step was chosen for: a run would
+    find a new one, a case keeps its own.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    motion : TotalMotion
+        The body.
+    step : float, s
+        The time step that a run chooses.
+    largest : float, s
+        The largest stable one.
     """
     moved = begin(build(scene))
     moved.motion.watch[LIMIT] = np.inf
@@ -46,19 +62,52 @@ def at_rest(scene: Scene) -> tuple[TotalMotion, float, float]:
 
 
 def throw(motion: TotalMotion, velocity: Affine) -> None:
-    """Give the undeformed body velocity(x) (m, 3) m/s at points x (m, 3) m."""
+    """Give the undeformed body a velocity.
+
+    Parameters
+    ----------
+    motion : TotalMotion
+        The body.
+    velocity : Affine
+        From points (m, 3) m to velocities (m, 3) m/s.
+    """
     free = motion.packed.nodes.inverse_mass > 0
     motion.v[:] = np.where(free, velocity(motion.packed.node_place).ravel(), 0.0)
 
 
 def stretch(motion: TotalMotion, by: float) -> None:
-    """Put the body, at rest, `by` times as large as it is."""
+    """Put the body, at rest, into another size.
+
+    Parameters
+    ----------
+    motion : TotalMotion
+        The body.
+    by : float, no unit
+        How many times as large.
+    """
     free = motion.packed.nodes.inverse_mass > 0
     motion.u[:] = np.where(free, (by - 1.0) * motion.packed.node_place.ravel(), 0.0)
 
 
 def advance(motion: TotalMotion, steps: int, dt: float, start: float = 0.0) -> None:
-    """Take so many steps of dt (s) from time `start` (s). Raises SolveError where the motion breaks."""
+    """Take time steps.
+
+    Parameters
+    ----------
+    motion : TotalMotion
+        The body.
+    steps : int
+        How many.
+    dt : float, s
+        Each of them.
+    start : float, s, default 0.0
+        Time of the first.
+
+    Raises
+    ------
+    SolveError
+        Where the motion breaks.
+    """
     named = effects.collect(motion.model.scene, times=start + dt * np.arange(steps, dtype=float))
     taken, broken = take(motion, named, steps, dt)
     if broken or taken < steps:  # a step in which the body moves too far is the last one
@@ -68,7 +117,25 @@ def advance(motion: TotalMotion, steps: int, dt: float, start: float = 0.0) -> N
 
 
 def energy(motion: TotalMotion, time: float = 0.0) -> float:
-    """Kinetic, elastic and the effects' potential energies together, J, of one moment. Raises SolveError where they are not finite."""
+    """Find the kinetic, elastic and the effects' potential energies together, of one moment.
+
+    Parameters
+    ----------
+    motion : TotalMotion
+        The body.
+    time : float, s, default 0.0
+        The moment, of the field's schedule.
+
+    Returns
+    -------
+    float, J
+        Their sum.
+
+    Raises
+    ------
+    SolveError
+        Where they are not finite.
+    """
     now = motion.kinematics()
     model = motion.model
     elastic = energies.elastic_energy(model, now.F)
@@ -81,7 +148,18 @@ def energy(motion: TotalMotion, time: float = 0.0) -> float:
 
 
 def spin(motion: TotalMotion) -> Array:
-    """Angular momentum (3,) about the origin, N m s."""
+    """Find the angular momentum about the origin.
+
+    Parameters
+    ----------
+    motion : TotalMotion
+        The body.
+
+    Returns
+    -------
+    array (3,), N m s
+        The angular momentum.
+    """
     place = motion.packed.node_place + motion.u.reshape(-1, 3)
     return np.asarray(
         np.cross(place, motion.packed.mass.momentum(motion.velocity().reshape(-1, 3))).sum(axis=0)
@@ -89,7 +167,18 @@ def spin(motion: TotalMotion) -> Array:
 
 
 def last_cells(model: Model) -> Array:
-    """Weights (n,), of sum 1, of the particles of the last cells along x: what they average to stands for the tip."""
+    """Find weights by which particles of the last cells along x stand for the tip.
+
+    Parameters
+    ----------
+    model : Model
+        The body.
+
+    Returns
+    -------
+    array (n,), no unit
+        Weights of the particles; they sum to 1.
+    """
     last = model.particles.cell[:, 0] == model.particles.cell[:, 0].max()
     share = model.particles.volume * last
     return np.asarray(share / share.sum())
@@ -104,7 +193,28 @@ def made(
     solver: Mapping[str, Any] | None = None,
     cells: int | None = 2,
 ) -> Scene:
-    """The scene of these data, an equilibrium unless `solver` says otherwise."""
+    """Make a scene of its parts: an equilibrium unless the solver says otherwise.
+
+    Parameters
+    ----------
+    body : Mapping[str, Any]
+        As in a scene file, in SI.
+    materials : Mapping[str, Any]
+        As in a scene file, in SI.
+    field : Mapping[str, Any]
+        As in a scene file, in SI.
+    effects : Mapping[str, Any]
+        As in a scene file, in SI.
+    solver : Mapping[str, Any], optional
+        As in a scene file, in SI.
+    cells : int or None, default 2
+        Cells across; None: the usual number.
+
+    Returns
+    -------
+    Scene
+        The scene.
+    """
     resolution = {} if cells is None else {"resolution": {"cells_across": cells}}
     parts = {
         "body": body,
@@ -117,7 +227,20 @@ def made(
 
 
 def changed(scene: Scene, **parts: Any) -> Scene:
-    """The scene with these parts of its data in place of its own."""
+    """Put other parts into a scene's data.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    **parts : object
+        Data by key, in SI.
+
+    Returns
+    -------
+    Scene
+        The other scene.
+    """
     return Scene.from_si({**scene.to_si(), **parts})
 
 
@@ -133,7 +256,34 @@ def rod(
     effects: Mapping[str, Any] | None = None,
     dynamic: Mapping[str, Any] | None = None,
 ) -> Scene:
-    """A catheter 4 mm thick of equal segments with these magnetizations. field (3,) T; shear: Pa, one a segment."""
+    """Make the scene of a catheter 4 mm thick of equal segments.
+
+    Parameters
+    ----------
+    length : float, m
+        Of the catheter.
+    directions : sequence of sequence of float, default (X,)
+        Magnetization of each segment.
+    shear : sequence of float, Pa, optional
+        Shear modulus of each segment; the usual one unless given.
+    ratio : float, no unit
+        Bulk over shear modulus.
+    field : sequence (3,) of float, T, optional
+        The uniform field.
+    cells : int, default 2
+        Cells across.
+    clamp : str, default 'base'
+        The face that is held: "base" or "none".
+    effects : Mapping[str, Any], optional
+        As in a scene file, in SI; besides magnetic_torque, which acts where there is a field.
+    dynamic : Mapping[str, Any], optional
+        As in a scene file, in SI: a motion in place of an equilibrium.
+
+    Returns
+    -------
+    Scene
+        The scene.
+    """
     moduli = [G] * len(directions) if shear is None else list(shear)
     kinds = {
         f"material {k}": {**SILICONE, "shear_modulus": g, "bulk_to_shear": ratio}
@@ -161,9 +311,25 @@ def rod(
 
 
 def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH) -> list[float]:
-    """Field (3,) T at an angle to +x in the x-z plane, for a load M B A L^2/(E I) on a rod magnetized along its axis.
+    """Find the field in the x-z plane for a load M B A L^2/(E I) on a rod magnetized along its axis; A/I = 16/D^2.
 
-    Source: Wang et al., JMPS 142 (2020) 104045; A/I = 16/D^2.
+    Parameters
+    ----------
+    load : float, no unit
+        The load.
+    angle : float, rad, optional
+        From +x; a right angle unless given.
+    length : float, m, optional
+        Of the rod.
+
+    Returns
+    -------
+    list of float, T
+        The field's components.
+
+    References
+    ----------
+    Wang et al., JMPS 142 (2020) 104045.
     """
     E = young_modulus(G, RATIO * G)
     size = load * E * MU0 * DIAMETER**2 / (16 * REMANENCE * length**2)
@@ -171,12 +337,36 @@ def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH)
 
 
 def twisting_field(load: float) -> list[float]:
-    """Field (3,) T along z, for a load M B A L^2/(G J) on a rod magnetized along y; A/J = 8/D^2."""
+    """Find the field along z for a load M B A L^2/(G J) on a rod magnetized along y; A/J = 8/D^2.
+
+    Parameters
+    ----------
+    load : float, no unit
+        The load.
+
+    Returns
+    -------
+    list of float, T
+        The field's components.
+    """
     return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * LENGTH**2)]
 
 
 def block(lower: tuple[float, float, float], upper: tuple[float, float, float]) -> Mesh:
-    """The surface of a block between two corners, its triangles facing outward."""
+    """Make the surface of a block, its triangles facing outward.
+
+    Parameters
+    ----------
+    lower : tuple[float, float, float]
+        A corner.
+    upper : tuple[float, float, float]
+        The opposite corner, of larger coordinates.
+
+    Returns
+    -------
+    Mesh
+        The surface.
+    """
     corners = np.array(
         [
             [(lower, upper)[i][0], (lower, upper)[j][1], (lower, upper)[k][2]]

@@ -63,7 +63,26 @@ REVERSED = 0.02  # s
 def energy_kept(
     motion: TotalMotion, dt: float, steps: int, looks: int, start: float = 0.0
 ) -> float:
-    """Largest change of the energy since the first check, at `start` (s), over the largest kinetic energy."""
+    """Find the largest change of the energy while a body moves.
+
+    Parameters
+    ----------
+    motion : TotalMotion
+        The body.
+    dt : float, s
+        Time step.
+    steps : int
+        How many.
+    looks : int
+        How often the energy is looked at.
+    start : float, s, default 0.0
+        Time at which the steps begin.
+
+    Returns
+    -------
+    float, no unit
+        The change since the first look over the largest kinetic energy.
+    """
     begun = energy(motion, start)
     change = 0.0
     most = 0.0
@@ -93,7 +112,22 @@ def _shaken(scene: Scene) -> tuple[TotalMotion, float]:
 
 
 def stays(part: float, steps: int, looks: int) -> Callable[[Scene], float]:
-    """Measure of the change of energy and spin in so many steps of a part of the bound."""
+    """Make the measure of the change of energy and spin in a number of steps.
+
+    Parameters
+    ----------
+    part : float, no unit
+        The step over the largest stable one.
+    steps : int
+        How many.
+    looks : int
+        How often the energy is looked at.
+
+    Returns
+    -------
+    callable
+        From a scene to the measure, no unit.
+    """
 
     def measure(scene: Scene) -> float:
         """Change of the energy, over the energy at first; at least that of the spin."""

@@ -12,9 +12,14 @@ FINE = 280  # pieces for frames: a tenth of a radian each at most, for paths tha
 
 
 class Path:
-    """The curve by arc length from the guide's exit on, where it is at the origin and leaves along +x. rows [s, x, y, z], (m, 4) m.
+    """Path of an insertion: a curve by arc length from the guide's exit on, where it is at the origin and leaves along +x.
 
-    Between the rows it is the cubic spline over `s`; it leaves the first row along +x.
+    Between the rows it is the cubic spline over s.
+
+    Parameters
+    ----------
+    rows : array (m, 4), m
+        Rows [s, x, y, z]; one of zeros is put before them where they do not begin at s = 0.
     """
 
     def __init__(self, rows: Array) -> None:
@@ -29,7 +34,7 @@ class Path:
 
     @property
     def length(self) -> float:
-        """m."""
+        """Its length, m."""
         return float(self.rows[-1, 0])
 
     @property
@@ -38,7 +43,18 @@ class Path:
         return np.asarray(self.rows[-1, 1:])
 
     def at(self, s: Array) -> Array:
-        """Points (n, 3) m at arc lengths s (n,)."""
+        """Find points of the path.
+
+        Parameters
+        ----------
+        s : array (n,), m
+            Arc lengths.
+
+        Returns
+        -------
+        array (n, 3), m
+            The points there.
+        """
         return np.asarray(self._spline(s))
 
     @cached_property
@@ -62,7 +78,18 @@ class Path:
         return s, quaternions
 
     def flattened(self, share: float) -> Path:
-        """The path with this share (0 to 1) of its curvature everywhere: 0 is straight, 1 this path."""
+        """Make the path that has a share of its curvature everywhere.
+
+        Parameters
+        ----------
+        share : float, no unit
+            0 is straight, 1 this path.
+
+        Returns
+        -------
+        Path
+            The flatter path.
+        """
         from scipy.spatial.transform import (
             Rotation,
         )  # 0.2 s to import, and only insertions have paths
@@ -86,7 +113,13 @@ class Path:
         return np.asarray((frames[:-1].inv() * frames[1:]).as_rotvec())
 
     def smallest_radius(self) -> float:
-        """m; inf where it is straight."""
+        """Find the radius of the sharpest bend.
+
+        Returns
+        -------
+        float, m
+            The radius; 1e300 where the path is straight.
+        """
         s = np.linspace(0.0, self.length, FINE + 1)
         first = self._spline(s, 1)
         second = self._spline(s, 2)

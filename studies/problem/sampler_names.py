@@ -54,7 +54,18 @@ TAKE_CHOICES = (
 
 
 def wrong_name(name: Any) -> tuple[str, str] | None:
-    """Rule and remedy for a name that is no sampler; None for the name of one."""
+    """Find what is wrong with the name of a sampler.
+
+    Parameters
+    ----------
+    name : object
+        What a file or a command says.
+
+    Returns
+    -------
+    tuple[str, str] or None
+        Rule and remedy; None for the name of a sampler.
+    """
     if isinstance(name, str) and name in NAMES:
         return None
     if isinstance(name, str) and name.lower().startswith(PREFIX):
@@ -92,7 +103,23 @@ def _wrong_optuna(requested: str) -> tuple[str, str]:
 
 
 def known_sampler(value: Any) -> Any:
-    """The name of a sampler, as a validator of study files."""
+    """Check the name of a sampler, as a validator of study files.
+
+    Parameters
+    ----------
+    value : object
+        What the file says.
+
+    Returns
+    -------
+    object
+        The same name.
+
+    Raises
+    ------
+    ValueError
+        For a name that is no sampler's, with rule and remedy (see `fault`).
+    """
     found = wrong_name(value)
     if found is not None:
         raise fault(*found)
@@ -100,7 +127,20 @@ def known_sampler(value: Any) -> Any:
 
 
 def check_sampler_name(name: str, place: str) -> None:
-    """Raises InputError for unknown names."""
+    """Refuse unknown names of samplers.
+
+    Parameters
+    ----------
+    name : str
+        What is said.
+    place : str
+        Where it is said.
+
+    Raises
+    ------
+    InputError
+        For a name that is no sampler's.
+    """
     found = wrong_name(name)
     if found is not None:
         raise InputError(place, received=f'"{name}"', rule=found[0], remedy=found[1])

@@ -20,7 +20,20 @@ if TYPE_CHECKING:
 
 
 def gaps(result: Result, target: Array) -> Array:
-    """Vectors (m, 3) m from the target's points to the axis; target (m, 4) m: rows [s, x, y, z]."""
+    """Find the vectors from a target's points to the axis at the same arc lengths.
+
+    Parameters
+    ----------
+    result : Result
+        The body.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+
+    Returns
+    -------
+    array (m, 3), m
+        A vector for each row. Where the body is shorter than the target its tip is compared.
+    """
     return np.asarray(centreline_at(result, _stations(result, target)[0]) - target[:, 1:])
 
 
@@ -32,12 +45,36 @@ def _stations(result: Result, target: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def root_mean_square(gaps: Array) -> float:
-    """Root mean square length (m) of gaps (m, 3) m."""
+    """Find the root mean square of distances.
+
+    Parameters
+    ----------
+    gaps : array (m, 3), m
+        The vectors.
+
+    Returns
+    -------
+    float, m
+        Root of the mean of their squared lengths.
+    """
     return float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))
 
 
 def gap_derivatives(sensitivities: Sensitivities, target: Array) -> Array:
-    """Derivatives (m, 3, k) of `gaps` of the sensitivities' result, m per unit of each variable."""
+    """Find the derivatives of `gaps`.
+
+    Parameters
+    ----------
+    sensitivities : Sensitivities
+        Those of the body, for k variables.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+
+    Returns
+    -------
+    array (m, 3, k), m per unit
+        Of each vector for each variable.
+    """
     stations, beyond = _stations(sensitivities.result, target)
     found = sensitivities.at(stations)
     found[beyond] = sensitivities.centreline[-1]

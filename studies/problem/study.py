@@ -20,7 +20,15 @@ from magmpm.studies.problem.variables import Vary
 
 @dataclass(frozen=True)
 class ShapeKeyframe:
-    """A shape of a schedule: target (m, 4) m, rows [s, x, y, z], which the body must have at this time, s."""
+    """A shape of a schedule.
+
+    Attributes
+    ----------
+    time : float, s
+        When the body must have it.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    """
 
     time: float
     target: Array
@@ -28,14 +36,50 @@ class ShapeKeyframe:
 
 @dataclass(frozen=True)
 class Study:
-    """A study with the scene and target it names. SI.
+    """A study with the scene and the target that it names. SI.
 
-    path: the file; name: the file's name without its ending, which names the folder of results; target (m, 4) m: rows
-    [s, x, y, z], of an insertion its path, of a schedule the last shape; stop_rms m or None; scene_file: the file of the
-    scene, None for a study made in Python; depths: inserted lengths, m, increasing, () without an insertion; keyframes: the
-    shapes of a schedule, () without one; hold: how long its field stays at the end, s; minimize: what a trial's values are;
-    margin: least stability, or None; start: "rod" or None; requested: the error that the scene's file requests, or None: `scene` then has
-    the coarsest grid, on which trials are compared; why_sampler: the reason for the sampler where the file names none.
+    Attributes
+    ----------
+    path : Path
+        The study's file.
+    name : str
+        The file's name without its ending, which names the folder of results.
+    scene : Scene
+        With the coarsest grid where its file requests an error: trials are compared on it.
+    target : array (m, 4), m
+        Rows [s, x, y, z]; of an insertion its path, of a schedule the last shape.
+    vary : Vary
+        What each trial may change.
+    trials : int
+        Number of trials that are wanted.
+    sampler : str
+        Its name.
+    seed : int
+        Of all that is drawn at random.
+    stop_rms : float, m, or None
+        The distance at which the study stops.
+    scene_file : Path or None
+        The scene's file; None for a study made in Python.
+    depths : tuple of float, m
+        Inserted lengths, increasing; none without an insertion.
+    keyframes : tuple of ShapeKeyframe
+        The shapes of a schedule; none without one.
+    hold : float, s
+        How long a schedule's field stays at the end.
+    minimize : tuple of str
+        What a trial's values are.
+    robust : Robust or None
+        Errors of manufacture that a design must bear.
+    margin : float, no unit, or None
+        The least stability that a design may have.
+    limits : Limits or None
+        Limits of manufacture on directions.
+    start : str or None
+        "rod" to begin with the rod's designs, or None.
+    requested : Resolution or None
+        The error that the scene's file requests, or None.
+    why_sampler : str or None
+        Reason for the sampler where the file names none.
     """
 
     path: Path
@@ -76,7 +120,25 @@ class Study:
         return {"once": 1, "each depth": len(self.depths), "each time": len(self.keyframes)}[at]
 
     def changed(self, *, trials: int | None = None, sampler: str | None = None) -> Study:
-        """The study with what a command line overrides. Raises InputError."""
+        """Make the study with what a command line overrides.
+
+        Parameters
+        ----------
+        trials : int, optional
+            Number of trials.
+        sampler : str, optional
+            Name of the sampler.
+
+        Returns
+        -------
+        Study
+            The changed study.
+
+        Raises
+        ------
+        InputError
+            For a number or a name that can't be.
+        """
         if trials is not None and not 1 <= trials <= MOST_TRIALS:
             rule = "must be at least 1" if trials < 1 else f"must be at most {MOST_TRIALS}"
             raise InputError("--trials", received=str(trials), rule=rule, remedy="--trials 35")
@@ -90,9 +152,15 @@ class Study:
         )
 
     def definition(self) -> dict[str, Any]:
-        """All that decides which trials are made and how they are evaluated, as plain data; numbers in SI, the target in mm.
+        """Collect all that decides which trials are made and how they are evaluated.
 
-        Of the scene it leaves out names, and what the study varies anyway: starting values do not count.
+        Of the scene it leaves out names, and what the study varies anyway: starting values do not
+        count.
+
+        Returns
+        -------
+        dict[str, Any]
+            Plain data; numbers in SI, the target in mm.
         """
         vary: dict[str, Any] = {"magnetization": {}} if self.vary_magnetization else {}
         if self.vary.field is not None:

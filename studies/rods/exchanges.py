@@ -20,10 +20,25 @@ MOST_SOLVES = 1500  # of rods, for one start: a second and a half
 def improved(
     space: SearchSpace, target: Array, starts: Sequence[dict[str, float]]
 ) -> list[dict[str, float]]:
-    """Starts (parameters) whose directions are of the set, improved: best first, each once. A choice has no derivative, so it is searched.
+    """Improve starts whose directions are of the set. A choice has no derivative, so it is searched.
 
-    From the snapped start, the exchange (_exchanges) that brings the rod nearest to the target rows (m, 4) m is kept, until none brings it
-    nearer. What else varies stays: the sampler's steps change it.
+    From the snapped start, the exchange (_exchanges) that brings the rod nearest to the target is
+    kept, until none brings it nearer. What else varies stays: the sampler's steps change it.
+
+    Parameters
+    ----------
+    space : SearchSpace
+        The search space.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    starts : sequence of dict[str, float]
+        Designs, as parameters.
+
+    Returns
+    -------
+    list of dict[str, float]
+        The improved ones, best first, each once; the starts themselves where directions are not
+        of a set.
     """
     limits = space.limits
     if limits is None or limits.allowed is None:
@@ -48,8 +63,25 @@ def improved(
 def next_exchange(
     space: SearchSpace, target: Array, best: Parameters, tried: Sequence[Parameters]
 ) -> dict[str, Any] | None:
-    """The best design's parameters with one direction of the set exchanged (_exchanges), as no other trial has had it: of these the one
-    that brings the rod nearest to the target. None where all were tried."""
+    """Exchange one direction of the best design with one of the set (_exchanges), as no other trial has had it.
+
+    Parameters
+    ----------
+    space : SearchSpace
+        The search space.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    best : Parameters
+        Parameters of the best design.
+    tried : sequence of Parameters
+        Parameters of all trials.
+
+    Returns
+    -------
+    dict[str, Any] or None
+        Of these exchanges the one that brings the rod nearest to the target; None where all
+        were tried.
+    """
     order = best.get("order")
     known = {_key(space.made(space.embedded(one))) for one in tried if one.get("order") == order}
     new = [y for y in _exchanges(space, space.made(space.embedded(best))) if _key(y) not in known]

@@ -37,7 +37,27 @@ PULLS = 3
 
 @dataclass
 class RodDescents:
-    """Designs (s, ...) on their way down: directions (s, k, 3), field (s, 3) in shares of the greatest, and what the rod says of them."""
+    """Several designs, s of them, on their way down, and what the rod says of each.
+
+    Attributes
+    ----------
+    directions : array (s, k, 3), no unit
+        Unit vectors of the k varied regions.
+    field : array (s, 3), no unit
+        The uniform field in shares of the greatest.
+    quaternions : array (s, n + 1, 4), no unit
+        Frames of the rods.
+    residuals : array (s, m), m
+        Weighted gaps.
+    slopes : array (s, m, q)
+        Their derivatives in the tangent space.
+    basis : array (s, k, 3, 2), no unit
+        Two unit vectors across each direction.
+    cost : array (s,), m^2
+        Sums of squares; infinite where there is no stable shape.
+    damping : array (s,)
+        Of the next step.
+    """
 
     directions: Array
     field: Array
@@ -49,11 +69,34 @@ class RodDescents:
     damping: Array  # (s,)
 
     def best(self, count: int) -> RodDescents:
+        """Keep the descents of least cost.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+
+        Returns
+        -------
+        RodDescents
+            These, best first.
+        """
         order = np.argsort(self.cost, kind="stable")[:count]
         return RodDescents(**{name: value[order] for name, value in vars(self).items()})
 
     def and_those(self, others: RodDescents) -> RodDescents:
-        """These descents and others."""
+        """Join these descents and others.
+
+        Parameters
+        ----------
+        others : RodDescents
+            The others.
+
+        Returns
+        -------
+        RodDescents
+            All of them.
+        """
         theirs = vars(others)
         return RodDescents(
             **{name: np.concatenate([value, theirs[name]]) for name, value in vars(self).items()}
@@ -61,7 +104,24 @@ class RodDescents:
 
 
 class DescendingRods:
-    """Rods of a scene against a target."""
+    """Rods of a scene against a target.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    regions : sequence of int
+        Indices of the k regions whose directions vary.
+    field_max : float, T, or None
+        Greatest strength of a varied field; None: the scene's field stays.
+
+    Raises
+    ------
+    SolveError
+        Where the scene has no rod.
+    """
 
     def __init__(
         self, scene: Scene, target: Array, regions: Sequence[int], field_max: float | None
@@ -92,13 +152,37 @@ class DescendingRods:
         self.shares = np.stack([1 - share, share]) / np.sqrt(len(target))
 
     def within(self, field_max: float) -> DescendingRods:
-        """The problem with another bound of the field, T."""
+        """Make the problem with another bound of the field.
+
+        Parameters
+        ----------
+        field_max : float, T
+            The bound.
+
+        Returns
+        -------
+        DescendingRods
+            The other problem.
+        """
         other = copy.copy(self)
         other.field_max = field_max
         return other
 
     def carefully(self, at: RodDescents, phases: Sequence[tuple[int, int]]) -> RodDescents:
-        """Descents as of `descended`, but each shape relaxes under a load that grows in LOAD_STEPS."""
+        """Descend as `descended` does, but let each shape relax under a load that grows in LOAD_STEPS.
+
+        Parameters
+        ----------
+        at : RodDescents
+            Where they are.
+        phases : sequence of tuple[int, int]
+            As of `descended`.
+
+        Returns
+        -------
+        RodDescents
+            Where they have come to.
+        """
         other = copy.copy(self)
         other.load_steps = LOAD_STEPS
         return other.descended(
@@ -119,9 +203,27 @@ class DescendingRods:
     def shapes(
         self, directions: Array, field: Array, before: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """Residuals (s, m) m, slopes (s, m, c) by directions and by shares of the greatest field, found (s,), and the rods' quaternions.
+        """Find the rods' shapes of several designs.
 
-        before: quaternions of the shapes in which a field that varies pulls.
+        Parameters
+        ----------
+        directions : array (s, k, 3), no unit
+            Unit vectors.
+        field : array (s, 3), no unit
+            In shares of the greatest.
+        before : array (s, n + 1, 4), no unit
+            Quaternions of the shapes in which a field that varies pulls.
+
+        Returns
+        -------
+        residuals : array (s, m), m
+            Weighted gaps.
+        slopes : array (s, m, c), m
+            Their derivatives by directions and by shares of the greatest field.
+        found : array (s,) of bool
+            Whether there is a stable shape.
+        quaternions : array (s, n + 1, 4), no unit
+            Frames of the rods.
         """
         fields = None if self.field_max is None else self.field_max * field
         quaternions = self.family.straight(len(directions))
@@ -164,7 +266,24 @@ class DescendingRods:
         )
 
     def state(self, directions: Array, field: Array, before: Array, damping: Array) -> RodDescents:
-        """The descents at these designs; one without a stable shape has an infinite cost. before: as of `shapes`."""
+        """Begin descents at several designs.
+
+        Parameters
+        ----------
+        directions : array (s, k, 3), no unit
+            Unit vectors.
+        field : array (s, 3), no unit
+            In shares of the greatest.
+        before : array (s, n + 1, 4), no unit
+            As of `shapes`.
+        damping : array (s,)
+            Of their first steps.
+
+        Returns
+        -------
+        RodDescents
+            The descents; one without a stable shape has an infinite cost.
+        """
         rows, columns, found, quaternions = self.shapes(directions, field, before)
         basis = across(directions)
         count = 3 * self.count
@@ -178,7 +297,18 @@ class DescendingRods:
         return RodDescents(directions, field, quaternions, rows, slopes, basis, cost, damping)
 
     def step(self, at: RodDescents) -> RodDescents:
-        """One step of all descents; those that did not get better stay, with more damping."""
+        """Take one step of all descents; those that did not get better stay, with more damping.
+
+        Parameters
+        ----------
+        at : RodDescents
+            Where they are.
+
+        Returns
+        -------
+        RodDescents
+            Where they have come to.
+        """
         A = np.einsum("smi,smj->sij", at.slopes, at.slopes, optimize=True)
         g = np.einsum("smi,sm->si", at.slopes, at.residuals)
         if self.field_max is not None:
@@ -202,7 +332,20 @@ class DescendingRods:
         return RodDescents(**kept)
 
     def descended(self, at: RodDescents, phases: Sequence[tuple[int, int]]) -> RodDescents:
-        """The descents after phases of (steps, how many of the best go on); less where DESIGNS of them are at their target."""
+        """Descend in phases; less where enough of the descents are at their target.
+
+        Parameters
+        ----------
+        at : RodDescents
+            Where they are.
+        phases : sequence of tuple[int, int]
+            Of each the steps, and how many of the best go on.
+
+        Returns
+        -------
+        RodDescents
+            Where they have come to.
+        """
         for steps, left in phases:
             for _ in range(steps):
                 if (
@@ -215,7 +358,18 @@ class DescendingRods:
         return at
 
     def begun(self, uniform: Array) -> RodDescents:
-        """Descents at points that numbers from 0 to 1, (s, 3 k + 3), spread over the spheres of directions and the ball of fields."""
+        """Begin descents at points that are spread over the spheres of directions and the ball of fields.
+
+        Parameters
+        ----------
+        uniform : array (s, 3 k + 3), no unit
+            Numbers from 0 to 1.
+
+        Returns
+        -------
+        RodDescents
+            The descents.
+        """
         starts = len(uniform)
         directions = _on_sphere(uniform[:, : 3 * self.count].reshape(starts, -1, 3))
         field = _on_sphere(uniform[:, None, -3:])[:, 0] * (0.4 + 0.6 * uniform[:, -1:])

@@ -49,8 +49,18 @@ BOUND_RATIO = math.sqrt(2.0)  # of two bounds that follow each other
 
 @dataclass(frozen=True)
 class RodDesign:
-    """A design: directions (k, 3) of the varied regions, uniform field (3,) T (the scene's, where it is not varied), rms (m) of the rod,
-    and its stability (1 at rest, 0 at a critical load).
+    """A design that the rod has found.
+
+    Attributes
+    ----------
+    directions : array (k, 3), no unit
+        Unit vectors of the varied regions.
+    field : array (3,), T
+        The uniform field; the scene's, where it is not varied.
+    rms : float, m
+        Distance of the rod from the target.
+    stability : float, no unit
+        Of the rod: 1 at rest, 0 at a critical load.
     """
 
     directions: Array
@@ -69,9 +79,29 @@ def rod_designs(
     starts: int = STARTS,
     keep: int = DESIGNS,
 ) -> list[RodDesign]:
-    """The rod's best designs for target rows [s, x, y, z] (m, 4) m, best first; different from each other. None where the scene has no rod.
+    """Find the rod's best designs for a target.
 
-    regions: indices of those whose direction is varied; field_max T: greatest strength of a varied uniform field, None: the scene's stays.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    regions : sequence of int
+        Indices of the regions whose directions vary.
+    field_max : float, T, or None
+        Greatest strength of a varied uniform field; None: the scene's field stays.
+    seed : int, default 1
+        Of the points that descents begin at.
+    starts : int, default STARTS
+        Number of these points.
+    keep : int, default DESIGNS
+        Number of designs that are kept.
+
+    Returns
+    -------
+    list of RodDesign
+        Best first, different from each other; none where the scene has no rod.
     """
     try:
         problem = DescendingRods(scene, target, regions, field_max)
@@ -114,7 +144,26 @@ def _more_searches(
 def rod_designs_by_bound(
     scene: Scene, target: Array, regions: Sequence[int], field_max: float, *, seed: int = 1
 ) -> list[RodDesign]:
-    """The rod's best designs within each of a ladder of bounds up to field_max (T), nearest to the target first; else as `rod_designs`."""
+    """Find the rod's best designs within each of a ladder of bounds of the field.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    regions : sequence of int
+        Indices of the regions whose directions vary.
+    field_max : float, T
+        The greatest bound.
+    seed : int, default 1
+        Of the points that descents begin at.
+
+    Returns
+    -------
+    list of RodDesign
+        Nearest to the target first; none where the scene has no rod.
+    """
     try:
         problem = DescendingRods(scene, target, regions, field_max)
     except SolveError:
@@ -168,9 +217,23 @@ def _growing_bounds(
 def rod_starts(
     space: SearchSpace, target: Array, seed: int, *, by_bound: bool = False
 ) -> list[dict[str, float]]:
-    """The rod's best designs as parameters of a study, best first. Numbers within bounds are in the middle of them.
+    """Find the rod's best designs as parameters of a study. Numbers within bounds are in the middle of them.
 
-    by_bound: those within each of a ladder of bounds of the field (rod_designs_by_bound).
+    Parameters
+    ----------
+    space : SearchSpace
+        The search space.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    seed : int
+        Of the points that descents begin at.
+    by_bound : bool, default False
+        Those within each of a ladder of bounds of the field (rod_designs_by_bound).
+
+    Returns
+    -------
+    list of dict[str, float]
+        Best first.
     """
     middle = space.nearest(np.full(space.size, 0.5))
     order = space.choices[0].choices[0] if space.choices else None
@@ -192,9 +255,21 @@ def rod_starts(
 
 
 def improver(space: SearchSpace, target: Array) -> Improve | None:
-    """A function from a bound of the field, as a share of the greatest, and a study's designs to better ones within it, best first.
+    """Make a function that improves designs within a bound of the field by the rod.
 
-    None where the rod can't make them: other numbers vary than directions and one field, directions are of a set, or there is no rod.
+    Parameters
+    ----------
+    space : SearchSpace
+        The search space.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+
+    Returns
+    -------
+    Improve or None
+        Makes, from a bound as a share of the greatest and a study's designs, better ones within
+        it, best first. None where the rod can't: other numbers vary than directions and one
+        field, directions are of a set, or there is no rod.
     """
     blocks = len(space.segments) + 1
     if space.field_max is None or len(space.blocks) != blocks or space.limits is not None:

@@ -37,7 +37,21 @@ RISKY = 3.0  # times as much a design counts whose stability on the way is below
 
 @dataclass(frozen=True)
 class RodStop:
-    """A rod on the way, at a depth and in a field (3,) T; q (n + 1, 4): its frames as quaternions; positions (n + 1, 3) m; squares, m^2."""
+    """A rod on the way.
+
+    Attributes
+    ----------
+    depth : Depth
+        Where it is.
+    field : array (3,), T
+        In which it is.
+    q : array (n + 1, 4), no unit
+        Its frames as quaternions.
+    position : array (n + 1, 3), m
+        Its axis.
+    squares : float, m^2
+        Weighted mean of its squared distances from the path.
+    """
 
     depth: Depth
     field: Array
@@ -46,13 +60,32 @@ class RodStop:
     squares: float
 
     def shape(self, directions: Array) -> RodShape:
-        """Rod shape from which the body's solve begins. directions (k, 3): of all segments."""
+        """Make the rod shape from which the body's solve begins.
+
+        Parameters
+        ----------
+        directions : array (k, 3), no unit
+            Unit vectors of all segments, or zeros.
+
+        Returns
+        -------
+        RodShape
+            The shape.
+        """
         return self.depth.rod.shape(self.q, directions[self.depth.segments], self.field)
 
 
 @dataclass(frozen=True)
 class RodPath:
-    """The places where a design is evaluated (rods), and for each of them the rods on the way to it, itself the last."""
+    """The places where a design is evaluated, and for each of them the rods on the way to it, itself the last.
+
+    Attributes
+    ----------
+    rods : RodTrajectory
+        The rods at these places.
+    ways : tuple of tuple of Depth
+        For each place the depths on the way to it.
+    """
 
     rods: RodTrajectory
     ways: tuple[tuple[Depth, ...], ...]
@@ -67,7 +100,26 @@ class RodPath:
         max_field: float,
         exit_weight: float,
     ) -> RodPath:
-        """The way of a scene's catheter through these inserted lengths (m)."""
+        """Make the way of a scene's catheter through inserted lengths.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+        path : Path
+            The path of the insertion.
+        lengths : sequence of float, m
+            Inserted lengths, rising.
+        max_field : float, T
+            Greatest strength of the field.
+        exit_weight : float
+            How much the exit counts (evaluate.trajectory.InsertionTrajectory).
+
+        Returns
+        -------
+        RodPath
+            The way.
+        """
         rods = RodTrajectory.of(scene, path, lengths, max_field=max_field, exit_weight=exit_weight)
         before = min(scene.thickness, lengths[0])
         ways = []
@@ -83,7 +135,25 @@ class RodPath:
         return cls(rods, tuple(ways))
 
     def stops(self, directions: Array, fields: Array) -> list[list[RodStop]]:
-        """All rods on the way to each place, by directions (k, 3) and fields (D, 3) T. Raises SolveError where one finds no equilibrium."""
+        """Find all rods on the way to each place.
+
+        Parameters
+        ----------
+        directions : array (k, 3), no unit
+            Unit vectors of all segments, or zeros.
+        fields : array (D, 3), T
+            The field at each place.
+
+        Returns
+        -------
+        list of list of RodStop
+            For each place the rods, itself the last.
+
+        Raises
+        ------
+        SolveError
+            Where one finds no equilibrium.
+        """
         last = None
         found = []
         for k, way in enumerate(self.ways):
@@ -97,7 +167,18 @@ class RodPath:
         return found
 
     def least_stability(self, design: RodTrajectoryDesign) -> float:
-        """The smallest stability (RodFamily.stability) of a design's rods on the way; 0 where one finds no equilibrium."""
+        """Find the smallest stability of a design's rods on the way (RodFamily.stability).
+
+        Parameters
+        ----------
+        design : RodTrajectoryDesign
+            The design.
+
+        Returns
+        -------
+        float, no unit
+            The stability; 0 where one finds no equilibrium.
+        """
         try:
             ways = self.stops(design.directions, design.fields)
         except SolveError:
@@ -111,9 +192,19 @@ class RodPath:
     def mended(
         self, design: RodTrajectoryDesign, *, turning: bool = True
     ) -> RodTrajectoryDesign | None:
-        """The design as its rods find it on the way, changed where they left it. None where they find no equilibrium.
+        """Change a design where its rods have left it on the way.
 
-        turning: whether directions may change, not fields alone.
+        Parameters
+        ----------
+        design : RodTrajectoryDesign
+            The design.
+        turning : bool, default True
+            Whether directions may change, not fields alone.
+
+        Returns
+        -------
+        RodTrajectoryDesign or None
+            The design as its rods find it on the way; None where they find no equilibrium.
         """
         for _ in range(4):
             went = self._followed(design)
@@ -187,7 +278,18 @@ class RodPath:
 
 
 def directions_of(scene: Scene) -> Array:
-    """Unit vectors (k, 3) of all segments of a scene; zero where one has no magnetization."""
+    """Find the directions of all segments of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    array (k, 3), no unit
+        Unit vectors; zeros where a segment has no magnetization.
+    """
     return unit(np.array([region.magnetization for region in scene.regions()], dtype=float))
 
 
@@ -209,10 +311,33 @@ def search(
     enough: float = 0.0,
     note: Callable[[str], object] = lambda text: None,
 ) -> list[RodTrajectoryDesign]:
-    """Designs that grew from random starts, best first, evaluated on the way. May be empty.
+    """Search designs that grow from random starts, evaluated on the way.
 
-    Ends once `wanted` are within `enough` (m). A design whose way comes near the end of a branch counts RISKY times as much: the body,
-    or a slightly other design, may fall there; it ends the search only with one more of its kind. note: is told of each start.
+    It ends once enough designs are near enough. A design whose way comes near the end of a branch
+    counts RISKY times as much: the body, or a slightly other design, may fall there; it ends the
+    search only with one more of its kind.
+
+    Parameters
+    ----------
+    way : RodPath
+        The rods on the way.
+    path : Path or Shapes
+        What they follow.
+    seed : int
+        Of the starts.
+    starts : int
+        Number of starts, at most.
+    wanted : int, default 1
+        How many designs are enough.
+    enough : float, m, default 0.0
+        How near is near enough.
+    note : callable, default lambda text: None
+        Told in words of each start.
+
+    Returns
+    -------
+    list of RodTrajectoryDesign
+        Designs, best first; there may be none.
     """
     rng = np.random.default_rng(seed)
     found: list[tuple[float, RodTrajectoryDesign]] = []

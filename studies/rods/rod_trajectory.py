@@ -34,10 +34,20 @@ Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n +
 
 @dataclass(frozen=True)
 class Depth:
-    """One depth of the trajectory as a rod of n elements, and the path there. SI.
+    """One depth of the trajectory as a rod of n elements, and the path there.
 
-    segments: which of the whole catheter's are outside and magnetized; place (n + 1,): arc lengths; path (n + 1, 3): the path's points
-    there; roots (n + 1,): of what each point's squared distance counts.
+    Attributes
+    ----------
+    rod : RodFamily
+        The rod.
+    segments : array of int
+        Which of the whole catheter's segments are outside and magnetized.
+    place : array (n + 1,), m
+        Arc lengths.
+    path : array (n + 1, 3), m
+        The path's points there.
+    roots : array (n + 1,), no unit
+        Square roots of the weights of the points' squared distances.
     """
 
     rod: RodFamily
@@ -47,7 +57,18 @@ class Depth:
     roots: Array
 
     def weighing(self, share: float) -> Depth:
-        """The depth with this share of its weight."""
+        """Make the depth with a share of its weight.
+
+        Parameters
+        ----------
+        share : float, no unit
+            0 to 1.
+
+        Returns
+        -------
+        Depth
+            The lighter depth.
+        """
         return replace(
             self,
             rod=replace(self.rod, rod=replace(self.rod.rod, weight=share * self.rod.rod.weight)),
@@ -56,7 +77,23 @@ class Depth:
     def settled(
         self, q: Array, directions: Array, uniform: Array
     ) -> tuple[Array, Array, Array] | None:
-        """The equilibrium from q (1, n + 1, 4), changed in place: weighted gaps (3 (n + 1),) m, their slopes by directions and field."""
+        """Find the equilibrium that the rod comes to.
+
+        Parameters
+        ----------
+        q : array (1, n + 1, 4), no unit
+            The frames that it begins from; changed in place.
+        directions : array (k, 3), no unit
+            Unit vectors of all segments.
+        uniform : array (3,), T
+            The field.
+
+        Returns
+        -------
+        tuple[Array, Array, Array] or None
+            Weighted gaps (3 (n + 1),) m, their slopes by directions and field, and positions (n
+            + 1, 3) m; None where there is no equilibrium.
+        """
         position, slopes, found = self.rod.relaxed(
             q, directions[None, self.segments], uniform[None]
         )
@@ -72,7 +109,19 @@ class Depth:
 
 @dataclass(frozen=True)
 class RodStates:
-    """Rods in equilibrium: q of each depth, their weighted gaps and slopes, positions."""
+    """Rods in equilibrium, one a depth.
+
+    Attributes
+    ----------
+    shapes : Shapes
+        Their frames as quaternions.
+    gaps : tuple of array, m
+        Their weighted gaps.
+    slopes : tuple of array
+        Derivatives of these by directions and field.
+    positions : tuple of array, m
+        Their axes.
+    """
 
     shapes: Shapes
     gaps: tuple[Array, ...]
@@ -87,7 +136,19 @@ class RodStates:
 
 @dataclass(frozen=True)
 class RodTrajectoryDesign:
-    """directions (k, 3); fields (D, 3) T; value: root of the weighted mean of the squared distances, m; state: its rods."""
+    """A design of a trajectory.
+
+    Attributes
+    ----------
+    directions : array (k, 3), no unit
+        Unit vectors of all segments.
+    fields : array (D, 3), T
+        The field at each depth.
+    value : float, m
+        Root of the weighted mean of the squared distances.
+    state : RodStates or None
+        Its rods, where they are known.
+    """
 
     directions: Array
     fields: Array
@@ -97,7 +158,19 @@ class RodTrajectoryDesign:
 
 @dataclass(frozen=True)
 class RodTrajectory:
-    """An insertion along a path as rods. max_field T; movable: the magnetized segments, whose directions may turn."""
+    """An insertion along a path as rods.
+
+    Attributes
+    ----------
+    depths : tuple of Depth
+        The rods, one a depth.
+    max_field : float, T
+        Greatest strength of the field.
+    movable : array of int
+        The magnetized segments, whose directions may turn.
+    count : int
+        Number of all segments.
+    """
 
     depths: tuple[Depth, ...]
     max_field: float
@@ -114,7 +187,26 @@ class RodTrajectory:
         max_field: float,
         exit_weight: float,
     ) -> RodTrajectory:
-        """The rods of a scene's catheter at these inserted lengths (m). exit_weight: as of evaluate.trajectory.InsertionTrajectory."""
+        """Make the rods of a scene's catheter at inserted lengths.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+        path : Path
+            The path of the insertion.
+        lengths : sequence of float, m
+            Inserted lengths, rising.
+        max_field : float, T
+            Greatest strength of the field.
+        exit_weight : float
+            How much the exit counts (evaluate.trajectory.InsertionTrajectory).
+
+        Returns
+        -------
+        RodTrajectory
+            The rods.
+        """
         depths = [depth_of(scene, path, float(length), len(lengths)) for length in lengths]
         roots = depths[-1].roots.copy()
         roots[-1] = np.sqrt(roots[-1] ** 2 + exit_weight)
@@ -127,7 +219,20 @@ class RodTrajectory:
         )
 
     def bent(self, path: Path, share: float) -> RodTrajectory:
-        """The same along `path`, with this share of the weight."""
+        """Make the same rods along another path, with a share of their weight.
+
+        Parameters
+        ----------
+        path : Path
+            The other path.
+        share : float, no unit
+            0 to 1.
+
+        Returns
+        -------
+        RodTrajectory
+            The other rods.
+        """
         return replace(
             self,
             depths=tuple(
@@ -136,7 +241,22 @@ class RodTrajectory:
         )
 
     def settled(self, directions: Array, fields: Array, shapes: Shapes | None) -> RodStates | None:
-        """Stable equilibria at all depths, begun at `shapes`, or straight; None: not found."""
+        """Find stable equilibria at all depths.
+
+        Parameters
+        ----------
+        directions : array (k, 3), no unit
+            Unit vectors of all segments.
+        fields : array (D, 3), T
+            The field at each depth.
+        shapes : Shapes or None
+            Frames that they begin from; None: straight.
+
+        Returns
+        -------
+        RodStates or None
+            The rods; None where one finds no equilibrium.
+        """
         found = []
         for k, depth in enumerate(self.depths):
             q = depth.rod.straight(1) if shapes is None else shapes[k][None].copy()
@@ -149,7 +269,22 @@ class RodTrajectory:
     def least_squares(
         self, start: RodTrajectoryDesign, steps: int, *, turning: bool = True
     ) -> RodTrajectoryDesign:
-        """Levenberg's and Marquardt's method from a design in equilibrium. turning: whether directions may change, not fields alone."""
+        """Improve a design in equilibrium by Levenberg's and Marquardt's method.
+
+        Parameters
+        ----------
+        start : RodTrajectoryDesign
+            The design, with its state.
+        steps : int
+            How many there may be.
+        turning : bool, default True
+            Whether directions may change, not fields alone.
+
+        Returns
+        -------
+        RodTrajectoryDesign
+            The improved design.
+        """
         d = start.directions
         v = to_ball(start.fields / self.max_field)
         state = start.state
@@ -225,7 +360,20 @@ class RodTrajectory:
         return unit(moved)
 
     def grown(self, path: Path, rng: np.random.Generator) -> RodTrajectoryDesign | None:
-        """A design that grows with the path from a random start (see above); None where it can't, or where it is hopeless."""
+        """Grow a design with the path from a random start: the path's curvature and the weight grow from none.
+
+        Parameters
+        ----------
+        path : Path
+            The path.
+        rng : np.random.Generator
+            The generator.
+
+        Returns
+        -------
+        RodTrajectoryDesign or None
+            The design; None where it can't grow, or where it is hopeless.
+        """
         d = unit(0.5 * rng.normal(size=(self.count, 3)) + [1.0, 0.0, 0.0])
         fields = self.max_field * np.tile(
             [0.5, 0.0, 0.0] + 0.2 * rng.normal(size=3), (len(self.depths), 1)
@@ -260,9 +408,22 @@ class RodTrajectory:
         return design
 
     def fitted(self, path: Path, directions: Array) -> RodTrajectoryDesign:
-        """The fields that bring rods with these directions nearest to their path, depth by depth: the best of several first fields.
+        """Find the fields that bring rods with given directions nearest to their path, depth by depth: the best of several first fields.
 
-        The path's curvature and the weight grow as in `grown`. Where rods fall to another branch on the way, the fields follow them there.
+        The path's curvature and the weight grow as in `grown`. Where rods fall to another branch on
+        the way, the fields follow them there.
+
+        Parameters
+        ----------
+        path : Path
+            The path.
+        directions : array (k, 3), no unit
+            Unit vectors of all segments.
+
+        Returns
+        -------
+        RodTrajectoryDesign
+            The design.
         """
         found = [RodTrajectoryDesign(directions, np.zeros((len(self.depths), 3)), np.inf)]
         for first in ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)):
@@ -283,14 +444,36 @@ class RodTrajectory:
 
 
 def to_ball(b: Array) -> Array:
-    """v (D, 3) with b = v/sqrt(1 + v^2), for b (D, 3) in the unit ball."""
+    """Map the unit ball to all of space: v with b = v/sqrt(1 + v^2).
+
+    Parameters
+    ----------
+    b : array (D, 3)
+        Points in the unit ball; those near its surface are drawn in.
+
+    Returns
+    -------
+    array (D, 3)
+        v.
+    """
     size = np.linalg.norm(b, axis=1)
     inside = np.minimum(size, 0.99)
     return np.asarray(b * (inside / np.sqrt(1 - inside**2) / np.maximum(size, 1e-300))[:, None])
 
 
 def from_ball(v: Array) -> Array:
-    """b (D, 3) of v."""
+    """Map all of space to the unit ball: b = v/sqrt(1 + v^2).
+
+    Parameters
+    ----------
+    v : array (D, 3)
+        Points.
+
+    Returns
+    -------
+    array (D, 3)
+        b.
+    """
     return np.asarray(v / np.sqrt(1 + np.sum(v * v, axis=1))[:, None])
 
 
@@ -315,7 +498,24 @@ def _arrow_step(
 
 
 def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
-    """The rod of one depth of `count`. Each depth counts the same, and within it each piece of its length."""
+    """Make the rod of one depth. Each depth counts the same, and within it each piece of its length.
+
+    Parameters
+    ----------
+    whole : Scene
+        The scene of the whole catheter.
+    path : Path
+        The path of the insertion.
+    length : float, m
+        The inserted length.
+    count : int
+        Number of depths.
+
+    Returns
+    -------
+    Depth
+        The depth.
+    """
     scene = whole.with_field([0.0, 0.0, 0.0]).inserted(length)
     catheter = scene.body.shape
     assert isinstance(catheter, Catheter)

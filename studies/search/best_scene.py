@@ -34,13 +34,37 @@ SPEED = 10e-3
 
 
 def moved_content(source: Path, folder: Path) -> dict[str, Any]:
-    """The content of a scene's file, with its paths relative to `folder`."""
+    """Read the content of a scene's file, with its paths as a file in another folder names them.
+
+    Parameters
+    ----------
+    source : Path
+        The scene's file.
+    folder : Path
+        The other folder.
+
+    Returns
+    -------
+    dict[str, Any]
+        The content.
+    """
     content: dict[str, Any] = _mended(dict(read_yaml(source)), source.parent, folder)
     return content
 
 
 def as_yaml(content: Mapping[str, Any]) -> str:
-    """The content of a scene as the text of a file."""
+    """Write the content of a scene as the text of a file.
+
+    Parameters
+    ----------
+    content : Mapping[str, Any]
+        Plain data.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     return yaml.safe_dump(
         content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
     )
@@ -65,12 +89,28 @@ def _from_folder(path: Path, folder: Path) -> str:
 def write_best_scene(
     folder: Path, study: Study, space: SearchSpace, best: Mapping[str, Any]
 ) -> Path | None:
-    """Write the scene of a design into a folder. Returns the file, or None for a study that was made in Python.
+    """Write the scene of a design into a folder, whole or not at all; a file that says the same is left alone.
 
-    best: {number, rms_m, params} of the trial. The file is written whole or not at all, and left alone if it says the same. Of an insertion
-    it is the push of the design through its guide, as a motion (`magmpm report --motion` runs it): the catheter is longer than the study's
-    by a plain piece that stays in the guide, `feed` pushes it at one speed, and the field passes from each depth's to the next's evenly. It
-    begins one diameter out, without a field.
+    Of an insertion it is the push of the design through its guide, as a motion (`magmpm report
+    --motion` runs it): the catheter is longer than the study's by a plain piece that stays in the
+    guide, `feed` pushes it at one speed, and the field passes from each depth's to the next's
+    evenly. It begins one diameter out, without a field.
+
+    Parameters
+    ----------
+    folder : Path
+        Where it is written.
+    study : Study
+        The study.
+    space : SearchSpace
+        Its search space.
+    best : Mapping[str, Any]
+        The trial's `number`, `rms_m` and `params`.
+
+    Returns
+    -------
+    Path or None
+        The file; None for a study that was made in Python.
     """
     if study.scene_file is None:
         return None
@@ -127,7 +167,20 @@ def _add_schedule(
 
 
 def times(depths: Array, diameter: float) -> Array:
-    """Times when each depth is reached, s."""
+    """Find when each depth of an insertion is reached.
+
+    Parameters
+    ----------
+    depths : array (n,), m
+        Inserted lengths.
+    diameter : float, m
+        Of the catheter, which begins that far out.
+
+    Returns
+    -------
+    array (n,), s
+        A time for each depth.
+    """
     return (np.asarray(depths) - min(diameter, depths[0])) / SPEED
 
 

@@ -43,9 +43,24 @@ SHOWN_DIFFERENCES = 12
 
 
 def load_study(path: Path | str) -> Study:
-    """The study a file describes, with the scene and the target it names.
+    """Read a study from its file, with the scene and the target that it names.
 
-    Raises InputError (NotThereYet for what a later version brings) with file, line, key, value, rule and remedy.
+    Parameters
+    ----------
+    path : Path or str
+        The file.
+
+    Returns
+    -------
+    Study
+        The study.
+
+    Raises
+    ------
+    InputError
+        With file, line, key, value, rule and remedy.
+    NotThereYet
+        For what a later version brings.
     """
     document = read_yaml(path)
     study_checks.check_file_name(document.path)
@@ -160,12 +175,36 @@ def _depths(file: StudyFile, path: Array, thickness: float) -> tuple[float, ...]
 
 
 def definition_hash(definition: Mapping[str, Any]) -> str:
-    """SHA-256, in hex, of a definition; numbers count to 12 digits, the order of keys does not."""
+    """Find the SHA-256 of a definition; numbers count to 12 digits, the order of keys does not.
+
+    Parameters
+    ----------
+    definition : Mapping[str, Any]
+        As of Study.definition.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+    """
     return hashlib.sha256(json.dumps(dict(_flat(definition)), sort_keys=True).encode()).hexdigest()
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Differences between two definitions, one line a key: `sampler: tpe -> random`."""
+    """List the differences between two definitions.
+
+    Parameters
+    ----------
+    old : Mapping[str, Any]
+        A definition.
+    new : Mapping[str, Any]
+        Another.
+
+    Returns
+    -------
+    list of str
+        One line a key: `sampler: tpe -> random`.
+    """
     was = dict(_flat(old))
     now = dict(_flat(new))
     keys = [*was, *(key for key in now if key not in was)]

@@ -26,7 +26,23 @@ NAMES = {
 
 
 def second(name: str, space: SearchSpace, parameters: Parameters) -> float:
-    """The second objective of a design: the strength of its strongest field, T, or the volume of its magnetized segments, m^3."""
+    """Find the second objective of a design.
+
+    Parameters
+    ----------
+    name : str
+        "largest_field", the strength of its strongest field; or "magnetized_volume", the volume
+        of its magnetized segments.
+    space : SearchSpace
+        The search space.
+    parameters : Parameters
+        The design.
+
+    Returns
+    -------
+    float, T or m^3
+        The value.
+    """
     if name == "largest_field":
         return max(
             float(np.linalg.norm(block.read(parameters))) for block, _ in space.those(FieldVector)
@@ -38,7 +54,20 @@ def second(name: str, space: SearchSpace, parameters: Parameters) -> float:
 
 
 def worst(name: str, space: SearchSpace) -> float:
-    """An upper bound of the second objective over all designs, T or m^3."""
+    """Find an upper bound of the second objective over all designs.
+
+    Parameters
+    ----------
+    name : str
+        As of `second`.
+    space : SearchSpace
+        The search space.
+
+    Returns
+    -------
+    float, T or m^3
+        The bound.
+    """
     if name == "largest_field":
         return max(block.max for block, _ in space.those(FieldVector))
     shape = space.scene.body.shape
@@ -60,7 +89,26 @@ def _area(shape: StraightBody) -> float:
 def trial_values(
     minimize: Sequence[str], space: SearchSpace, parameters: Parameters, first: float, failed: bool
 ) -> list[float]:
-    """A trial's values, SI, in the order of `minimize`; first: the first of them."""
+    """Put a trial's values together.
+
+    Parameters
+    ----------
+    minimize : sequence of str
+        Names of the objectives.
+    space : SearchSpace
+        The search space.
+    parameters : Parameters
+        The design.
+    first : float, m
+        The first of the values.
+    failed : bool
+        Whether the trial failed; then the second value is the worst one.
+
+    Returns
+    -------
+    list of float, SI
+        The values, in the order of `minimize`.
+    """
     return [
         first,
         *(
@@ -71,7 +119,18 @@ def trial_values(
 
 
 def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """The trials that no other dominates, by their first value; of equals the first."""
+    """Find the trials that no other dominates; of equals the first.
+
+    Parameters
+    ----------
+    trials : sequence of FrozenTrial
+        Trials with two values.
+
+    Returns
+    -------
+    list of FrozenTrial
+        By their first value.
+    """
     found: list[FrozenTrial] = []
     for trial in sorted(trials, key=lambda t: (*t.values, t.number)):
         if not found or trial.values[1] < found[-1].values[1]:
@@ -80,7 +139,18 @@ def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
 
 
 def compromise(values: Sequence[Sequence[float]]) -> int:
-    """Number of the point (a, b) of a front that is nearest to the ideal one, both objectives scaled to the front's extent."""
+    """Find the point of a front that is nearest to the ideal one, both objectives scaled to the front's extent.
+
+    Parameters
+    ----------
+    values : sequence of sequence of float
+        The points (a, b).
+
+    Returns
+    -------
+    int
+        Number of the point.
+    """
     points = np.array(values, dtype=float)
     low = points.min(axis=0)
     extent = np.ptp(points, axis=0)
@@ -92,8 +162,23 @@ def compromise(values: Sequence[Sequence[float]]) -> int:
 def pareto_report(
     minimize: Sequence[str], trials: Sequence[FrozenTrial], feasible: Callable[[FrozenTrial], bool]
 ) -> dict[str, Any]:
-    """The front as reports have it: `objectives`, `values` of every trial (None if it failed), `pareto` with number, values, params,
-    and `compromise`, the number of the trial nearest to the ideal point.
+    """Describe a front for reports.
+
+    Parameters
+    ----------
+    minimize : sequence of str
+        Names of the objectives.
+    trials : sequence of FrozenTrial
+        All trials.
+    feasible : callable
+        Tells whether a trial counts.
+
+    Returns
+    -------
+    dict[str, Any]
+        `objectives`; `values` of every trial (None if it failed); `pareto`, with number, values
+        and params of each; and `compromise`, the number of the trial nearest to the ideal
+        point.
     """
     on_it = front([t for t in trials if feasible(t)])
     return {
@@ -107,7 +192,18 @@ def pareto_report(
 
 
 def ranked(trials: Sequence[FrozenTrial]) -> list[int]:
-    """Places of the trials, best first: by their value; of two objectives front by front, along each from its compromise outward."""
+    """Order trials: by their value; of two objectives front by front, along each from its compromise outward.
+
+    Parameters
+    ----------
+    trials : sequence of FrozenTrial
+        The trials.
+
+    Returns
+    -------
+    list of int
+        Their places in the sequence, best first.
+    """
     if not trials or len(trials[0].values) == 1:
         return sorted(range(len(trials)), key=lambda k: (trials[k].values[0], k))
     left = dict(enumerate(trials))

@@ -22,7 +22,17 @@ MOST_ORDERS = 1000
 
 
 def with_own_materials(data: dict[str, Any], scene: Scene, numbers: Sequence[VariedNumber]) -> None:
-    """Give each segment that has a number of a material to itself a material of its own, in a scene's data or the content of its file."""
+    """Give each segment that has a number of a material to itself a material of its own, in place.
+
+    Parameters
+    ----------
+    data : dict[str, Any]
+        A scene's data, or the content of its file.
+    scene : Scene
+        The scene.
+    numbers : sequence of VariedNumber
+        Numbers that the study varies.
+    """
     body = data["body"][scene.body.kind]
     for number in numbers:
         if number.segment is not None and number.place[0] == "materials":
@@ -39,13 +49,38 @@ def _own(material: str, segment: int) -> str:
 
 
 def segment_names(scene: Scene) -> list[str]:
-    """segment_1, at the base, and so on; numbers have as many digits as the last one, so that they sort."""
+    """Name the segments of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    list of str
+        segment_1, at the base, and so on; numbers have as many digits as the last one, so that
+        they sort.
+    """
     count = len(scene.regions())
     return [f"segment_{i + 1:0{len(str(count))}d}" for i in range(count)]
 
 
 def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
-    """The numbers within bounds that a study varies: lengths, diameter, remanence, stiffness."""
+    """Find the numbers within bounds that a study varies: lengths, diameter, remanence, stiffness.
+
+    Parameters
+    ----------
+    vary : Vary
+        What the study's file says.
+    scene : Scene
+        Its scene.
+
+    Returns
+    -------
+    tuple of VariedNumber
+        The numbers.
+    """
     found: list[VariedNumber] = []
     regions = scene.regions()
     names = segment_names(scene)
@@ -115,10 +150,29 @@ def _by_address(vary: Vary, scene: Scene, others: Sequence[VariedNumber]) -> Ite
 
 
 def kept_total(requested: Array, low: float, high: float, total: float) -> tuple[Array, Array]:
-    """The lengths (k,) within low and high that sum to `total` and are nearest to those requested, and their derivatives (k, k).
+    """Find lengths within bounds that have a given sum and are nearest to those requested, and their derivatives.
 
-    The projection on the sum and the bounds: all are shifted by one amount, and stop at their bounds. That amount is found exactly: the
-    sum is piecewise linear in it, with corners where a length meets a bound. low k <= total <= high k.
+    It is the projection on the sum and the bounds: all are shifted by one amount, and stop at their
+    bounds. That amount is found exactly: the sum is piecewise linear in it, with corners where a
+    length meets a bound.
+
+    Parameters
+    ----------
+    requested : array (k,), m
+        The lengths that are requested.
+    low : float, m
+        Least length; low k is at most `total`.
+    high : float, m
+        Greatest length; high k is at least `total`.
+    total : float, m
+        The sum.
+
+    Returns
+    -------
+    lengths : array (k,), m
+        The lengths.
+    derivatives : array (k, k), no unit
+        Of each by those requested.
     """
     k = len(requested)
     corners = np.unique(np.concatenate([low - requested, high - requested]))
@@ -142,14 +196,40 @@ def _orders(pattern: str) -> tuple[str, ...]:
 
 
 def orders(scene: Scene, *, own: bool = False) -> tuple[str, ...]:
-    """All orders of the scene's magnetized (M) and plain (P) segments, base to tip; own: only the scene's."""
+    """Find all orders of a scene's magnetized (M) and plain (P) segments.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    own : bool, default False
+        Only the scene's own order.
+
+    Returns
+    -------
+    tuple of str
+        The orders, letters from base to tip.
+    """
     magnetized = scene.magnetized_regions()
     pattern = "".join("M" if i in magnetized else "P" for i in range(len(scene.regions())))
     return (pattern,) if own else _orders(pattern)
 
 
 def arrangement(scene: Scene, order: str) -> NDArray[np.int64]:
-    """The numbers (k,) of the scene's segments in this order: magnetized ones stay in sequence among themselves, and plain ones too."""
+    """Find which of the scene's segments stands where in an order; magnetized ones stay in sequence among themselves, and plain ones too.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    order : str
+        Letters from base to tip.
+
+    Returns
+    -------
+    array (k,) of int
+        Numbers of the segments, from 0.
+    """
     magnetized = scene.magnetized_regions()
     pieces = {
         "M": iter(magnetized),

@@ -62,9 +62,28 @@ __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 class SearchSpace:
     """Space of what is varied in a scene.
 
-    segments: the magnetized segments whose directions are (numbers from 0, base first); field_max: T, None for a fixed field; fields: how
-    many fields there are, one at each depth or time; numbers: quantities within bounds; keeps_length: whether segments that vary their
-    lengths sum to the body's; order: whether the order of magnetized and plain segments varies; limits: of the directions that can be made.
+    A design is a set of named parameters. Its embedded coordinates are numbers in which the search
+    measures distances: unit vectors of directions, vectors of fields (T), and places between bounds
+    from 0 to 1.
+
+    Attributes
+    ----------
+    scene : Scene
+        With all that is not varied.
+    segments : tuple of int
+        The magnetized segments whose directions vary, by numbers from 0, base first.
+    field_max : float, T, or None
+        Greatest strength of a varied field; None for a fixed field.
+    fields : int
+        How many fields there are, one at each depth or time.
+    numbers_within : tuple of VariedNumber
+        Quantities within bounds.
+    keeps_length : bool
+        Whether segments that vary their lengths sum to the body's.
+    order : bool
+        Whether the order of magnetized and plain segments varies.
+    limits : Makeable or None
+        Of the directions that can be made.
     """
 
     scene: Scene
@@ -78,7 +97,18 @@ class SearchSpace:
 
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
-        """The space a study requests."""
+        """Make the space that a study requests.
+
+        Parameters
+        ----------
+        study : Study
+            The study.
+
+        Returns
+        -------
+        SearchSpace
+            Its space.
+        """
         vary = study.vary
         scene = study.scene
         limits = study.limits
@@ -132,7 +162,18 @@ class SearchSpace:
         return tuple(zip(self.blocks, self.slices, strict=True))
 
     def those(self, kind: type[_Kind]) -> list[tuple[_Kind, slice]]:
-        """The blocks of a kind, each with the slice of its embedded coordinates."""
+        """Find the blocks of a kind.
+
+        Parameters
+        ----------
+        kind : type[_Kind]
+            Their class.
+
+        Returns
+        -------
+        list of tuple[_Kind, slice]
+            Each with the slice of its embedded coordinates.
+        """
         return [(block, at) for block, at in self.parts if isinstance(block, kind)]
 
     @property
@@ -163,7 +204,13 @@ class SearchSpace:
         return tuple(block for block, _ in self.those(SegmentOrder))
 
     def segment_names(self) -> list[str]:
-        """Names of the segments whose directions vary."""
+        """Name the segments whose directions vary.
+
+        Returns
+        -------
+        list of str
+            Names, base to tip.
+        """
         return [segment_names(self.scene)[i] for i in self.segments]
 
     def _field_names(self) -> list[tuple[str, ...]]:
@@ -174,7 +221,13 @@ class SearchSpace:
         return [tuple(name.replace("field", stem) for name in FIELD) for stem in stems]
 
     def distributions(self) -> dict[str, BaseDistribution]:
-        """The parameters as Optuna requests them."""
+        """Describe the parameters as Optuna requests them.
+
+        Returns
+        -------
+        dict[str, BaseDistribution]
+            Distributions by name.
+        """
         from optuna.distributions import CategoricalDistribution, FloatDistribution
 
         found: dict[str, BaseDistribution] = {}
@@ -189,13 +242,34 @@ class SearchSpace:
     # parameters <-> embedded coordinates
 
     def embedded(self, parameters: Parameters) -> Array:
-        """A design's embedded coordinates, (size,)."""
+        """Find the embedded coordinates of a design.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            The design.
+
+        Returns
+        -------
+        array (size,)
+            Its coordinates.
+        """
         return np.concatenate([np.zeros(0), *(block.read(parameters) for block in self.blocks)])
 
     def parameters_at(self, x: Array, order: str | None = None) -> dict[str, Any]:
-        """The parameters of embedded coordinates (size,), each block brought to its nearest design; the inverse of `embedded`.
+        """Find the parameters of embedded coordinates, each block brought to its nearest design: the inverse of `embedded`.
 
-        order: of the segments where it varies; as in the scene unless given.
+        Parameters
+        ----------
+        x : array (size,)
+            Embedded coordinates.
+        order : str, optional
+            Of the segments where it varies; as in the scene unless given.
+
+        Returns
+        -------
+        dict[str, Any]
+            The design.
         """
         found: dict[str, Any] = {}
         for block, at in self.parts:
@@ -205,12 +279,34 @@ class SearchSpace:
         return found
 
     def nearest(self, x: Array) -> Array:
-        """The embedded coordinates (size,) of a design nearest to x, block by block."""
+        """Find the embedded coordinates of the nearest design, block by block.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Any numbers.
+
+        Returns
+        -------
+        array (size,)
+            Embedded coordinates of a design.
+        """
         parts = [block.nearest(np.asarray(x, dtype=float)[at]) for block, at in self.parts]
         return np.concatenate([np.zeros(0), *parts])
 
     def drawn(self, rng: np.random.Generator) -> Array:
-        """A random design, (size,): directions uniform on the sphere, numbers between their bounds."""
+        """Draw a random design: directions uniform on the sphere, numbers between their bounds.
+
+        Parameters
+        ----------
+        rng : np.random.Generator
+            The generator.
+
+        Returns
+        -------
+        array (size,)
+            Its embedded coordinates.
+        """
         return np.concatenate([np.zeros(0), *(block.drawn(rng) for block in self.blocks)])
 
     # designs as directions and plain numbers, for samplers with kernels on the sphere (tpe.py)
@@ -226,7 +322,20 @@ class SearchSpace:
         return (self.fields if self.field_max is not None else 0) + len(self.numbers_within)
 
     def design(self, parameters: Parameters) -> tuple[Array, Array]:
-        """Parameters as directions (count, 3), segments base to tip and then the fields, and numbers from 0 to 1."""
+        """Write a design as directions and plain numbers.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            The design.
+
+        Returns
+        -------
+        directions : array (count, 3), no unit
+            Of the segments base to tip, then of the fields.
+        numbers : array (numbers,), no unit
+            From 0 to 1, of their range.
+        """
         directions = []
         strengths = []
         rest = []
@@ -241,7 +350,20 @@ class SearchSpace:
         return np.array(directions).reshape(-1, 3), np.array([*strengths, *rest])
 
     def parameters(self, directions: Array, numbers: Array) -> dict[str, float]:
-        """The inverse of `design`."""
+        """Find the parameters of directions and plain numbers: the inverse of `design`.
+
+        Parameters
+        ----------
+        directions : array (count, 3), no unit
+            As of `design`.
+        numbers : array (numbers,), no unit
+            As of `design`.
+
+        Returns
+        -------
+        dict[str, float]
+            The design.
+        """
         found: dict[str, float] = {}
         vectors = iter(directions)
         values = iter(numbers)
@@ -259,7 +381,18 @@ class SearchSpace:
     # designs -> scenes
 
     def made(self, x: Array) -> Array:
-        """The embedded coordinates (size,) of what is made: directions within the limits."""
+        """Find the embedded coordinates of what is made: directions within the limits.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Embedded coordinates of what is requested.
+
+        Returns
+        -------
+        array (size,)
+            Those of what is made.
+        """
         if self.limits is None or not self.segments:
             return x
         count = 3 * len(self.segments)  # directions come first
@@ -271,11 +404,49 @@ class SearchSpace:
         )
 
     def scene_of(self, parameters: Parameters, field: int = -1) -> Scene:
-        """The scene of a trial, in the field with this number (of one at each depth or time; the last unless given)."""
+        """Make the scene of a trial.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            The design.
+        field : int, default -1
+            Number of the field, of one at each depth or time; the last unless given.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        InputError
+            For values that no scene has.
+        """
         return self.scene_at(self.embedded(parameters), parameters.get("order"), field)
 
     def scene_at(self, x: Array, order: str | None = None, field: int = -1) -> Scene:
-        """The scene of embedded coordinates (size,). Raises InputError for values that no scene has."""
+        """Make the scene of embedded coordinates.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Embedded coordinates.
+        order : str, optional
+            Of the segments, where it varies.
+        field : int, default -1
+            As of `scene_of`.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        InputError
+            For values that no scene has.
+        """
         data = self.scene.to_si()
         with_own_materials(data, self.scene, self.numbers_within)
         put(data, self.values(x, field), self.scene)
@@ -283,13 +454,36 @@ class SearchSpace:
         return Scene.from_si(data)
 
     def write(self, content: dict[str, Any], x: Array, order: str | None = None) -> None:
-        """Write a design, by its embedded coordinates (size,), into the content of the scene's file, with units."""
+        """Write a design into the content of the scene's file, in place, with units.
+
+        Parameters
+        ----------
+        content : dict[str, Any]
+            Of the file.
+        x : array (size,)
+            Embedded coordinates of the design.
+        order : str, optional
+            Of the segments, where it varies.
+        """
         with_own_materials(content, self.scene, self.numbers_within)
         say(content, self.scene_at(x), self.values(x))
         self._put_in_order(content, order)
 
     def values(self, x: Array, field: int = -1) -> dict[Place, Any]:
-        """Values that embedded coordinates (size,) write into the scene, SI, by their places; the order of segments apart."""
+        """Find the values that embedded coordinates write into the scene; the order of segments apart.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Embedded coordinates.
+        field : int, default -1
+            As of `scene_of`.
+
+        Returns
+        -------
+        dict of place to value, SI
+            Each where the scene has it.
+        """
         x = self.made(x)
         found: dict[Place, Any] = {}
         regions = self.scene.regions()
@@ -325,7 +519,18 @@ class SearchSpace:
         return kept_total(requested, number.low, number.high, self.scene.length)
 
     def directions(self, parameters: Parameters) -> Array:
-        """Magnetization of every segment of the trial's scene, (k, 3) unit vectors or zeros, in the undeformed body."""
+        """Find the magnetization of every segment of the trial's scene, in the undeformed body.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            The design.
+
+        Returns
+        -------
+        array (k, 3), no unit
+            Unit vectors, or zeros.
+        """
         found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
         x = self.made(self.embedded(parameters))
         for turned, at in self.those(SegmentDirection):
@@ -334,7 +539,18 @@ class SearchSpace:
         return found if order is None else found[arrangement(self.scene, order)]
 
     def quantities(self, parameters: Parameters) -> dict[str, Any]:
-        """The values, SI, of the numbers that vary: lengths base to tip, the diameter, and remanence and shear modulus of each segment."""
+        """Find the values of the numbers that vary: lengths base to tip, the diameter, and remanence and shear modulus of each segment.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            The design.
+
+        Returns
+        -------
+        dict[str, Any]
+            Values in SI; names end with the unit.
+        """
         varied = {number.what for number in self.numbers_within}
         if not varied:
             return {}
@@ -354,7 +570,20 @@ class SearchSpace:
         return dict(found[what] for what in found if what in varied)
 
     def field(self, parameters: Parameters, number: int = -1) -> Array:
-        """The uniform part of the field with this number (the last unless given), (3,) T."""
+        """Find the uniform part of the field of a design.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            The design.
+        number : int, default -1
+            Which field; the last unless given.
+
+        Returns
+        -------
+        array (3,), T
+            The field.
+        """
         found = self.those(FieldVector)
         if not found:
             return np.array(self.scene.field.uniform, dtype=float)
@@ -374,10 +603,27 @@ class SearchSpace:
     def chain(
         self, variables: Sequence[Variable], x: Array, order: str | None = None, field: int = -1
     ) -> Array:
-        """The derivatives of the variables of a solve by embedded coordinates: (k, size), so that columns (..., k) @ chain are (..., size).
+        """Find the derivatives of a solve's variables by embedded coordinates, so that columns (..., k) @ chain are (..., size).
 
-        variables: `Sensitivities.variables` of the scene of these coordinates x (size,), order and field. A direction's three columns are
-        the gradient on the sphere: they have no part along the direction.
+        A direction's three columns are the gradient on the sphere: they have no part along the
+        direction.
+
+        Parameters
+        ----------
+        variables : sequence of Variable
+            The k of `Sensitivities.variables`, of the scene of these coordinates, order and
+            field.
+        x : array (size,)
+            Embedded coordinates.
+        order : str, optional
+            Of the segments, where it varies.
+        field : int, default -1
+            As of `scene_of`.
+
+        Returns
+        -------
+        array (k, size)
+            SI of each variable per unit of each coordinate.
         """
         found = np.zeros((len(variables), self.size))
         rows: dict[Place, list[int]] = {}  # of the Jacobian: by place, of a segment by its number

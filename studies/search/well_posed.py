@@ -38,8 +38,15 @@ SEEN = 1e-5
 class Identifiability:
     """Result of the check of a study by the rod.
 
-    moves (n,) m: by how much (rms over the target's points) a whole step of each of the n variables moves the shape, at the design where
-    it moves it most; freedom: how many numbers vary; seen: how many of their combinations move the shape, at the design where most do.
+    Attributes
+    ----------
+    moves : array (n,), m
+        By how much (rms over the target's points) a whole step of each variable moves the
+        shape, at the design where it moves it most.
+    freedom : int
+        How many numbers vary.
+    seen : int
+        How many of their combinations move the shape, at the design where most do.
     """
 
     moves: Array
@@ -48,7 +55,25 @@ class Identifiability:
 
 
 def check_search(study: Study, space: SearchSpace) -> list[str]:
-    """Warnings about a search before its first trial, one sentence each. Raises InputError where no variable moves the shape."""
+    """Find what a user should know of a search before its first trial.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    space : SearchSpace
+        Its search space.
+
+    Returns
+    -------
+    list of str
+        One sentence each.
+
+    Raises
+    ------
+    InputError
+        Where no variable moves the shape.
+    """
     found = identifiability(study, space)
     if found is None:
         return []
@@ -121,7 +146,21 @@ def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
 
 
 def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
-    """Evaluate a study by the rod at random designs; None where it finds no equilibrium, or there are only choices."""
+    """Evaluate a study by the rod at random designs.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    space : SearchSpace
+        Its search space.
+
+    Returns
+    -------
+    Identifiability or None
+        What moves the shape; None where the rod finds no equilibrium, or there are only
+        choices.
+    """
     # directions of a set have no derivatives
     rng = np.random.default_rng(2024)
     space = replace(space, limits=None)

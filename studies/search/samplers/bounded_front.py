@@ -46,10 +46,23 @@ NARROWEST = 1 / 64  # of the greatest bound: gaps below are not looked into
 class BoundedFront(PlanningSampler):
     """Suggests starts and Gauss-Newton steps within one bound after the other.
 
-    blocks: as of GaussNewtonSampler, one Ball at least; starts: designs to begin from, best first, of any strength; near: distance (the
-    first objective) below which differences do not matter; poor: distance above which a bound's next start is tried; far: about the
-    distance that all designs have at zero strength; improve: from a bound, as a share of the greatest, and designs of any strength to
-    better designs that the bound allows, best first.
+    Parameters
+    ----------
+    blocks : sequence of Block
+        As of GaussNewtonSampler, one Ball at least.
+    seed : int
+        Of all that is drawn.
+    starts : sequence of Mapping[str, float], default ()
+        Designs to begin from, best first, of any strength.
+    near : float, default 0.0
+        Distance (the first objective) below which differences do not matter.
+    poor : float, default math.inf
+        Distance above which a bound's next start is tried.
+    far : float, default math.inf
+        About the distance that all designs have at zero strength.
+    improve : Improve, optional
+        Makes, from a bound as a share of the greatest and designs of any strength, better
+        designs that the bound allows, best first.
     """
 
     def __init__(

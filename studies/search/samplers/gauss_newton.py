@@ -50,9 +50,16 @@ LEAST_GAIN = 0.02  # share of the sum of squares that a step must promise, else 
 
 
 class PlanningSampler(optuna.samplers.BaseSampler):
-    """A sampler of designs that blocks of parameters make up: from the seed and the trials that are there alone, it plans the next one.
+    """A sampler of designs that blocks of parameters make up: it plans the next one from the seed and the trials that are there alone.
 
-    blocks: which parameters make which coordinates. starts: designs (parameters) to begin from, best first.
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Which parameters make which coordinates.
+    seed : int
+        Of all that is drawn.
+    starts : sequence of Mapping[str, float]
+        Designs (parameters) to begin from, best first.
     """
 
     def __init__(
@@ -65,7 +72,22 @@ class PlanningSampler(optuna.samplers.BaseSampler):
     def plan(
         self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
     ) -> tuple[dict[str, float], dict[str, Any]]:
-        """Parameters of the next trial, and what is kept with it: each kind of sampler says how."""
+        """Plan the next trial: each kind of sampler says how.
+
+        Parameters
+        ----------
+        trials : sequence of FrozenTrial
+            Those that have ended.
+        running : sequence of FrozenTrial, default ()
+            Those that have not.
+
+        Returns
+        -------
+        params : dict[str, float]
+            Its parameters.
+        kept : dict[str, Any]
+            What is kept with it.
+        """
         raise NotImplementedError  # no abstract class: OptunaHub's packages import no abc
 
     def infer_relative_search_space(
@@ -102,9 +124,18 @@ class PlanningSampler(optuna.samplers.BaseSampler):
 class GaussNewtonSampler(PlanningSampler):
     """Suggests starts and Gauss-Newton steps; reads `residuals` and `jacobian` from the trials' user attributes.
 
-    blocks: which parameters make which coordinates. starts: designs (parameters) to begin from, best first. goal: value that is good
-    enough: a descent above it is left once it hardly moves. poor: value above which a given design is not improved before others
-    are tried.
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Which parameters make which coordinates.
+    seed : int
+        Of all that is drawn.
+    starts : sequence of Mapping[str, float], default ()
+        Designs (parameters) to begin from, best first.
+    goal : float, default 0.0
+        Value that is good enough: a descent above it is left once it hardly moves.
+    poor : float, default math.inf
+        Value above which a given design is not improved before others are tried.
     """
 
     def __init__(
@@ -154,11 +185,37 @@ class GaussNewtonSampler(PlanningSampler):
         return params, {"start": index, "from": None}
 
     def used_up(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]) -> bool:
-        """True if the given designs and the descents from them are used up, so that a point of the sequence comes next."""
+        """Tell whether the given designs and the descents from them are used up, so that a point of the sequence comes next.
+
+        Parameters
+        ----------
+        trials : sequence of FrozenTrial
+            Those that have ended.
+        running : sequence of FrozenTrial
+            Those that have not.
+
+        Returns
+        -------
+        bool
+            True if they are.
+        """
         return bool(self.plan(trials, running)[1]["start"] >= len(self._starts))
 
     def refined(self, base: FrozenTrial, trials: Sequence[FrozenTrial]) -> dict[str, float] | None:
-        """The design a step on from the best trial's, shorter than those that were tried; None where it promises little."""
+        """Find the design a step on from the best trial's, shorter than those that were tried.
+
+        Parameters
+        ----------
+        base : FrozenTrial
+            The best trial.
+        trials : sequence of FrozenTrial
+            All of them.
+
+        Returns
+        -------
+        dict[str, float] or None
+            Its parameters; None where it promises little.
+        """
         radius = RADIUS if counted(base) else 0.0
         while radius > LEAST_RADIUS:
             x, residuals, jacobian = self._space.read(base.params), *model_of(base)
@@ -276,7 +333,18 @@ def _judged(
 
 
 def counted(trial: FrozenTrial) -> bool:
-    """True if a trial counts: solved, with derivatives, and no constraint violated."""
+    """Tell whether a trial counts: solved, with derivatives, and no constraint violated.
+
+    Parameters
+    ----------
+    trial : FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    bool
+        True if it does.
+    """
     attrs = trial.user_attrs
     return (
         "residuals" in attrs
@@ -286,7 +354,20 @@ def counted(trial: FrozenTrial) -> bool:
 
 
 def model_of(trial: FrozenTrial) -> tuple[Array, Array]:
-    """A trial's residuals (m,) and their Jacobian (m, k)."""
+    """Find the linear model that a trial has stored.
+
+    Parameters
+    ----------
+    trial : FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    residuals : array (m,)
+        Its residuals.
+    jacobian : array (m, k)
+        Their derivatives by the k coordinates.
+    """
     residuals = np.array(trial.user_attrs["residuals"], dtype=float)
     return residuals, np.array(trial.user_attrs["jacobian"], dtype=float).reshape(
         len(residuals), -1
@@ -294,7 +375,18 @@ def model_of(trial: FrozenTrial) -> tuple[Array, Array]:
 
 
 def cost_of(trial: FrozenTrial) -> float:
-    """Sum of squares of a trial's residuals."""
+    """Find the sum of squares of a trial's residuals.
+
+    Parameters
+    ----------
+    trial : FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    float
+        The sum.
+    """
     residuals = np.array(trial.user_attrs["residuals"], dtype=float)
     return float(residuals @ residuals)
 
@@ -304,5 +396,16 @@ def _value(trial: FrozenTrial) -> float:
 
 
 def start_of(trial: FrozenTrial) -> int:
-    """Number of the start whose descent a trial belongs to; -1 for one that was not ours."""
+    """Find the start whose descent a trial belongs to.
+
+    Parameters
+    ----------
+    trial : FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    int
+        Number of the start; -1 for a trial that was not ours.
+    """
     return int(trial.system_attrs.get(PLAN, {"start": -1})["start"])

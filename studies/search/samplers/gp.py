@@ -37,7 +37,15 @@ OWN = 0.5  # weight of the sample's variance in an amplitude, in designs
 
 @dataclass(frozen=True)
 class CoordinateKinds:
-    """Places of the embedded coordinates that are directions (k, 3 each, base to tip) and which are not; these are of size 1."""
+    """Places of the embedded coordinates that are directions, three each, base to tip, and of those that are not, one each.
+
+    Attributes
+    ----------
+    directions : tuple of int
+        First coordinate of each direction.
+    others : tuple of int
+        Each other coordinate.
+    """
 
     directions: tuple[int, ...]  # first coordinate of each
     others: tuple[int, ...]
@@ -48,7 +56,20 @@ class CoordinateKinds:
         return max(1, len(self.directions) + len(self.others))
 
     def matrix(self, p: Array, size: int) -> Array:
-        """A transposed (size, size): z = x @ A.T."""
+        """Make the matrix that brings coordinates to those of the kernel, z = x @ A.T.
+
+        Parameters
+        ----------
+        p : array (10,)
+            The model's parameters (PRIOR).
+        size : int
+            Number of embedded coordinates.
+
+        Returns
+        -------
+        array (size, size)
+            A transposed.
+        """
         found = np.zeros((size, size))
         k = len(self.directions)
         if k:
@@ -72,21 +93,38 @@ class CoordinateKinds:
 
 
 class ShapeModel:
-    """A Gaussian process of a shape, of n >= 2 designs x (n, size) with residuals (n, m).
+    """A Gaussian process of a shape, of n >= 2 designs.
 
-    Residuals are reduced to their principal components over the known designs, and each component is a Gaussian process of its own
-    amplitude. All share one kernel of the embedded coordinates x, brought to z = A x:
+    Residuals are reduced to their principal components over the known designs, and each component
+    is a Gaussian process of its own amplitude. All share one kernel of the embedded coordinates x,
+    brought to z = A x:
 
-        k(x, x') = (1 + z.z') / (1 + n) + w (1 + r + r^2 / 3) exp(-r),   r = sqrt(5) |z - z'| / l,   n the directions and other coordinates.
+        k(x, x') = (1 + z.z') / (1 + n) + w (1 + r + r^2 / 3) exp(-r),   r = sqrt(5) |z - z'| / l,
 
-    The first part is linear: a shape is nearly linear in small moments. The second is Matern's kernel with smoothness 5/2. A says how much
-    which coordinate matters. Of the directions it is a Kronecker product: axes of a direction count differently (a magnet along the field
-    feels no torque), segments that are neighbors act alike (their correlation falls as exp(-distance / c)), and segments matter by a power
-    of their place along the body. Of a field or a number it is a factor (docs/design.md has its errors of prediction).
+    with n the number of directions and other coordinates. The first part is linear: a shape is
+    nearly linear in small moments. The second is Matern's kernel with smoothness 5/2. A says how
+    much which coordinate matters. Of the directions it is a Kronecker product: axes of a direction
+    count differently (a magnet along the field feels no torque), segments that are neighbors act
+    alike (their correlation falls as exp(-distance / c)), and segments matter by a power of their
+    place along the body. Of a field or a number it is a factor (docs/design.md has its errors of
+    prediction).
 
-    The parameters are those of greatest posterior density: their likelihood, with the amplitudes at their best, and normal priors. Sources:
-    Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sections 2.2, 4.2 and 5.4.1; the composite of a model and a
-    known function: Astudillo and Frazier, ICML 2019.
+    The parameters are those of greatest posterior density: their likelihood, with the amplitudes at
+    their best, and normal priors.
+
+    Parameters
+    ----------
+    layout : CoordinateKinds
+        Kinds of the coordinates.
+    x : array (n, size)
+        Embedded coordinates of the designs.
+    residuals : array (n, m)
+        Of each design.
+
+    References
+    ----------
+    Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sections 2.2, 4.2 and
+    5.4.1; the composite of a model and a known function: Astudillo and Frazier, ICML 2019.
     """
 
     def __init__(self, layout: CoordinateKinds, x: Array, residuals: Array) -> None:
@@ -145,7 +183,20 @@ class ShapeModel:
         )
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
-        """Mean (m,) of the residuals of a design (size,), and the variance of their whole."""
+        """Predict the residuals of a design.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Its embedded coordinates.
+
+        Returns
+        -------
+        mean : array (m,)
+            Of the residuals.
+        variance : array ()
+            Of their whole.
+        """
         scores, variance, _, _ = self._at(x)
         return scores @ self._basis + self._mean, np.array(variance * self._amplitude.sum())
 
@@ -157,10 +208,24 @@ class ShapeModel:
         return k @ self._weights, max(float(own - white @ white), 1e-12), z, white
 
     def expected(self, x: Array, caution: float = 1.0) -> tuple[float, Array]:
-        """The expected sum of squares of the residuals of a design (size,), and its gradient (size,).
+        """Find the expected sum of squares of the residuals of a design, and its gradient.
 
-        Of independent normal components with means m_j and variances v_j, that of the sum of m_j^2 is the sum of m_j^2 + v_j.
-        caution: how much the variances count; 0 gives the square of the means alone.
+        Of independent normal components with means m_j and variances v_j, that of the sum of m_j^2
+        is the sum of m_j^2 + v_j.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Its embedded coordinates.
+        caution : float, default 1.0
+            How much the variances count; 0 gives the square of the means alone.
+
+        Returns
+        -------
+        value : float
+            The expected sum.
+        gradient : array (size,)
+            By the coordinates.
         """
         scores, variance, z, white = self._at(x)
         off = scores - self._left
@@ -180,7 +245,18 @@ class ShapeModel:
 
 
 def layout_of(sizes: Sequence[tuple[bool, int]]) -> CoordinateKinds:
-    """The layout of blocks in order: whether each is a direction, and how many coordinates it has."""
+    """Find which coordinates of blocks are directions.
+
+    Parameters
+    ----------
+    sizes : sequence of tuple[bool, int]
+        Of each block in order: whether it is a direction, and how many coordinates it has.
+
+    Returns
+    -------
+    CoordinateKinds
+        The kinds of the coordinates.
+    """
     directions: list[int] = []
     others: list[int] = []
     first = 0
@@ -195,9 +271,22 @@ def layout_of(sizes: Sequence[tuple[bool, int]]) -> CoordinateKinds:
 
 @dataclass(frozen=True)
 class GpSettings:
-    """alike: trials before there is a model; starts: of the search for the next design, the best so far and random ones; steps: of each;
-    most: designs in a model, the nearest to the target; little: of the distance, two trials that leave more of it brought little; drawn:
-    designs among which the one is chosen that the model knows least of.
+    """Settings of the sampler gp.
+
+    Attributes
+    ----------
+    alike : int
+        Trials before there is a model.
+    starts : tuple[int, int]
+        Of the search for the next design: the best so far, and random ones.
+    steps : int
+        Of each start.
+    most : int
+        Designs in a model, the nearest to the target.
+    little : float
+        Two trials that leave more than this part of the distance have brought little.
+    drawn : int
+        Designs among which the one is chosen that the model knows least of.
     """
 
     alike: int = 2
@@ -209,9 +298,18 @@ class GpSettings:
 
 
 class ShapeSampler(optuna.samplers.BaseSampler):
-    """Chooses the trial after `finished` ones by a Gaussian process of the shape.
+    """Chooses the trial after a number of finished ones by a Gaussian process of the shape.
 
     The choice depends on the seed, and on finished and running trials alone.
+
+    Parameters
+    ----------
+    space : SearchSpace
+        The search space.
+    seed : int
+        Of the study.
+    finished : int
+        How many trials are finished.
     """
 
     def __init__(self, space: SearchSpace, seed: int, finished: int) -> None:

@@ -17,24 +17,76 @@ if TYPE_CHECKING:
 
 
 def storage_of(study: optuna.Study) -> BaseStorage:
-    """The storage, as the study uses it."""
+    """Find the storage that a study uses.
+
+    Parameters
+    ----------
+    study : optuna.Study
+        The study.
+
+    Returns
+    -------
+    BaseStorage
+        The storage.
+    """
     return study._storage
 
 
 def study_id(study: optuna.Study) -> int:
-    """The study's number in its storage."""
+    """Find the study's number in its storage.
+
+    Parameters
+    ----------
+    study : optuna.Study
+        The study.
+
+    Returns
+    -------
+    int
+        The number.
+    """
     return study._study_id
 
 
 def trial_id(trial: optuna.Trial | FrozenTrial) -> int:
-    """The trial's number in its storage: another one than its number in its study."""
+    """Find the trial's number in its storage: another one than its number in its study.
+
+    Parameters
+    ----------
+    trial : optuna.Trial or FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    int
+        The number.
+    """
     return trial._trial_id
 
 
 def other_trials(
     study: optuna.Study, trial: FrozenTrial, names: Iterable[str]
 ) -> tuple[list[FrozenTrial], list[FrozenTrial], int]:
-    """The trials that have ended, the running ones whose designs are known, and how many running ones have smaller numbers."""
+    """Find the other trials of a study.
+
+    Parameters
+    ----------
+    study : optuna.Study
+        The study.
+    trial : FrozenTrial
+        The trial that is to be chosen.
+    names : iterable of str
+        Parameters that a trial must have to be known.
+
+    Returns
+    -------
+    ended : list of FrozenTrial
+        Those that have ended.
+    running : list of FrozenTrial
+        Those that run and whose designs are known.
+    before : int
+        How many that run have smaller numbers.
+    """
     # at once: one that ends between two readings would be in neither
     trials = study.get_trials(deepcopy=False)
     requested = set(names)

@@ -75,8 +75,18 @@ class DataOnlyCmaEsSampler(CmaEsSampler):
 class SobolSampler(QMCSampler):
     """Scrambled Sobol points: the scrambling is the study's seed, the place in the sequence the number of finished trials.
 
-    Optuna counts the points it gave in the study's storage, and counts one too many when a process is killed between the count and its
-    trial: a study that is interrupted there would go on with other points than one that is not.
+    Optuna counts the points it gave in the study's storage, and counts one too many when a process
+    is killed between the count and its trial: a study that is interrupted there would go on with
+    other points than one that is not.
+
+    Parameters
+    ----------
+    space : SearchSpace
+        The search space.
+    seed : int
+        Of the study.
+    finished : int
+        How many trials are finished.
     """
 
     def __init__(self, space: SearchSpace, seed: int, finished: int) -> None:
@@ -94,10 +104,18 @@ class SobolSampler(QMCSampler):
 
 
 class FieldsByRod(BaseSampler):
-    """`base` samples the directions of an insertion (evaluate.trajectory.InsertionTrajectory); the rod finds the fields.
+    """Sampler of an insertion: another one samples the directions, and the rod finds the fields.
 
-    Fields at different depths do not touch each other's shapes, so for given directions each depth's best field can be found by itself, in
-    milliseconds (rod_trajectory). That leaves two numbers a segment, in place of three more a depth. All are stored as parameters.
+    Fields at different depths do not touch each other's shapes, so for given directions each
+    depth's best field can be found by itself, in milliseconds (rod_trajectory). That leaves two
+    numbers a segment, in place of three more a depth. All are stored as parameters.
+
+    Parameters
+    ----------
+    base : BaseSampler
+        Samples the directions.
+    insertion : InsertionTrajectory
+        The insertion.
     """
 
     def __init__(self, base: BaseSampler, insertion: Any) -> None:

@@ -31,9 +31,21 @@ from magmpm.studies.search.search_space import SearchSpace
 
 @dataclass(frozen=True)
 class TpeSettings:
-    """good: share of trials that count as good; candidates: drawn from l;
-    concentration: K of one good trial's kernel (a spread of 1/sqrt(K) rad in each of two directions: 18 degrees); width: standard
-    deviation of plain numbers, of their range; prior: weight of the uniform density, a trial's being 1.
+    """Settings of the sampler tpe.
+
+    Attributes
+    ----------
+    good : float
+        Share of trials that count as good.
+    candidates : int
+        How many are drawn from the density of good ones.
+    concentration : float
+        K of one good trial's kernel: a spread of 1/sqrt(K) rad in each of two directions, 18
+        degrees.
+    width : float
+        Standard deviation of plain numbers, of their range.
+    prior : float
+        Weight of the uniform density; a trial's is 1.
     """
 
     good: float = 0.05
@@ -45,7 +57,15 @@ class TpeSettings:
 
 @dataclass(frozen=True)
 class Designs:
-    """n designs: directions (n, k, 3) unit vectors; numbers (n, q) from 0 to 1, of their range."""
+    """Several designs, n of them.
+
+    Attributes
+    ----------
+    directions : array (n, k, 3), no unit
+        Unit vectors.
+    numbers : array (n, q), no unit
+        From 0 to 1, of their range.
+    """
 
     directions: Array
     numbers: Array
@@ -61,9 +81,21 @@ PRIOR_OF_CHOICES = 1.0  # weight of any choice next to the good trials'
 
 
 class DirectionTPE(optuna.samplers.BaseSampler):
-    """Chooses the trial after `finished` ones by TPE with kernels on the sphere.
+    """Chooses the trial after a number of finished ones by TPE with kernels on the sphere.
 
-    The choice depends on the study's seed, and on the finished and the running trials alone: running ones count as bad.
+    The choice depends on the study's seed, and on the finished and the running trials alone:
+    running ones count as bad.
+
+    Parameters
+    ----------
+    space : SearchSpace
+        The search space.
+    seed : int
+        Of the study.
+    finished : int
+        How many trials are finished.
+    settings : TpeSettings, optional
+        Those of the sampler; the usual ones unless given.
     """
 
     def __init__(
@@ -140,7 +172,20 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         return float(self._rng.uniform(param_distribution.low, param_distribution.high))
 
     def choose(self, good: Designs, others: Designs) -> Designs:
-        """One design, where good designs are dense and the others are not."""
+        """Choose one design, where good designs are dense and the others are not.
+
+        Parameters
+        ----------
+        good : Designs
+            Good designs.
+        others : Designs
+            The other ones.
+
+        Returns
+        -------
+        Designs
+            The chosen one.
+        """
         k = good.directions.shape[1]
         q = good.numbers.shape[1]
         narrower = len(good) ** (

@@ -22,7 +22,14 @@ from magmpm import errors
 from magmpm.inputs.settings import Settings
 
 ROOT = Path(__file__).parents[3]
-ROOMS: tuple[str, ...] = ()
+ROOMS = (
+    "magmpm.studies.problem",
+    "magmpm.studies.search",
+    "magmpm.studies.rods",
+    "magmpm.studies.evaluate",
+    "magmpm.studies.hard_cases",
+    "magmpm.studies.dashboard",
+)
 API = runpy.run_path(str(ROOT / "docs/site/api.py"))
 sections = API["sections"]
 items = API["items"]
@@ -79,7 +86,8 @@ def of_room(room: str) -> dict[str, Any]:
             continue
         module = importlib.import_module(name)
         for thing in list(vars(module).values()):
-            if own(thing, name):
+            described = isinstance(thing, type) and issubclass(thing, Settings)  # key by key
+            if own(thing, name) and not described:
                 made = with_functions(thing.__name__, thing)
                 found |= {f"{name}.{key}": value for key, value in made.items()}
     return found
@@ -93,10 +101,13 @@ def taken(thing: Any) -> list[str]:
     if isinstance(thing, type) and issubclass(thing, Settings):
         return list(thing.model_fields)
     fields = getattr(thing, "__dataclass_fields__", None) or getattr(thing, "_fields", None)
+    own_fields = set(fields or ()) & set(getattr(thing, "__annotations__", ()))
     if isinstance(thing, type) and fields is not None:
+        if not own_fields:
+            return []  # what a base class says
         return [name for name in fields if not name.startswith("_")]
-    if isinstance(thing, type) and not inspect.isfunction(thing.__init__):
-        return []
+    if isinstance(thing, type) and "__init__" not in vars(thing):
+        return []  # what a base class says
     signature = inspect.signature(thing.__init__ if isinstance(thing, type) else thing)
     marks = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
     return [

@@ -23,8 +23,8 @@ import magmpm
 ROOT = Path(__file__).parents[3]
 PACKAGES = ("magmpm", "studies", "viz")
 INSIDE = {"studies": ("magmpm",), "viz": ("magmpm",)}  # as installed: setup.py
-LONGEST_FILE = 635  # lines; longer ones are looked at twice
-LONGEST_FUNCTION = 110  # lines, formatted
+LONGEST_FILE = 609  # lines but for docstrings; longer ones are looked at twice
+LONGEST_FUNCTION = 95  # lines, formatted, but for its docstring
 MOST_FLOORS = 12
 MOST_ARROWS = 123  # ten of the public names
 MOST_AT_THE_ROOT = 8
@@ -192,9 +192,18 @@ def test_the_root_of_the_package_is_its_table_of_contents() -> None:
     ]
 
 
+def docstring_lines(node: ast.AST) -> int:
+    """Lines of the docstrings of a file, a class or a function, and of all that is within it."""
+    said = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    first = [part.body[0] for part in ast.walk(node) if isinstance(part, said) and part.body]
+    texts = [text for text in first if isinstance(text, ast.Expr) and is_text(text)]
+    return sum((text.end_lineno or text.lineno) - text.lineno + 1 for text in texts)
+
+
 def test_no_file_is_too_long() -> None:
     lengths = {
         str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines())
+        - docstring_lines(tree(path))
         for path in files().values()
     }
     assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
@@ -207,7 +216,7 @@ def test_no_function_is_too_long() -> None:
         for node in ast.walk(tree(path)):
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
                 first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
-                length = (node.end_lineno or first) - first + 1
+                length = (node.end_lineno or first) - first + 1 - docstring_lines(node)
                 if length > LONGEST_FUNCTION:
                     too_long[f"{module}.{node.name}"] = length
     assert too_long == {}
