@@ -21,32 +21,118 @@ Moduli = TypeVar("Moduli", float, NDArray[np.float64])
 
 
 def young_modulus(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
-    """Small-strain Young's modulus (Pa), E = 9 K G / (3 K + G)."""
+    """Find Young's modulus at small strain, E = 9 K G / (3 K + G).
+
+    Parameters
+    ----------
+    shear_modulus : float or array, Pa
+        G.
+    bulk_modulus : float or array, Pa
+        K.
+
+    Returns
+    -------
+    float or array, Pa
+        E.
+
+    Examples
+    --------
+    >>> from magmpm.materials import young_modulus
+    >>> round(young_modulus(120e3, 20 * 120e3) / 120e3, 3)  # of K = 20 G
+    2.951
+    """
     return 9 * bulk_modulus * shear_modulus / (3 * bulk_modulus + shear_modulus)
 
 
 def pressure_wave_speed(shear_modulus: Moduli, bulk_modulus: Moduli, density: Moduli) -> Moduli:
-    """Speed of pressure waves (m/s), sqrt((K + 4/3 G) / rho)."""
+    """Find the speed of pressure waves, sqrt((K + 4/3 G) / rho).
+
+    Parameters
+    ----------
+    shear_modulus : float or array, Pa
+        G.
+    bulk_modulus : float or array, Pa
+        K.
+    density : float or array, kg/m^3
+        rho.
+
+    Returns
+    -------
+    float or array, m/s
+        The speed.
+    """
     return ((bulk_modulus + 4.0 / 3.0 * shear_modulus) / density) ** 0.5
 
 
 def poisson_ratio(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
-    """Small-strain Poisson's ratio, (3 K - 2 G) / (2 (3 K + G))."""
+    """Find Poisson's ratio at small strain, (3 K - 2 G) / (2 (3 K + G)).
+
+    Parameters
+    ----------
+    shear_modulus : float or array, Pa
+        G.
+    bulk_modulus : float or array, Pa
+        K.
+
+    Returns
+    -------
+    float or array, no unit
+        The ratio.
+    """
     return (3 * bulk_modulus - 2 * shear_modulus) / (2 * (3 * bulk_modulus + shear_modulus))
 
 
 def shear_of_young(young_modulus: Moduli, poisson: Moduli) -> Moduli:
-    """Shear modulus (Pa) of Young's modulus (Pa) and Poisson's ratio at small strain, G = E / (2 (1 + nu))."""
+    """Find the shear modulus at small strain, G = E / (2 (1 + nu)).
+
+    Parameters
+    ----------
+    young_modulus : float or array, Pa
+        E.
+    poisson : float or array, no unit
+        nu.
+
+    Returns
+    -------
+    float or array, Pa
+        G.
+    """
     return young_modulus / (2 * (1 + poisson))
 
 
 def bulk_over_shear(poisson: Moduli) -> Moduli:
-    """Bulk over shear modulus of Poisson's ratio below 1/2 at small strain, K/G = 2 (1 + nu) / (3 (1 - 2 nu))."""
+    """Find the bulk over the shear modulus at small strain, K/G = 2 (1 + nu) / (3 (1 - 2 nu)).
+
+    Parameters
+    ----------
+    poisson : float or array, no unit
+        nu, below 1/2.
+
+    Returns
+    -------
+    float or array, no unit
+        K/G.
+    """
     return 2 * (1 + poisson) / (3 * (1 - 2 * poisson))
 
 
 def magnetization(rotating: NDArray[np.bool_], remanence: Array, F: Array) -> Array:
-    """Magnetization (n, 3) T of particles: R Br where `rotating` (n,), else F Br; remanence (n, 3) T, F (n, 3, 3)."""
+    """Find the magnetization of deformed particles.
+
+    Parameters
+    ----------
+    rotating : array (n,) of bool
+        Where it rotates without stretching, R Br; elsewhere it is F Br.
+    remanence : array (n, 3), T
+        Br in the undeformed body.
+    F : array (n, 3, 3), no unit
+        Deformation gradients.
+
+    Returns
+    -------
+    array (n, 3), T
+        The magnetization times mu0.
+    """
     R = F.copy()
     left, _, right = np.linalg.svd(F[rotating])
     R[rotating] = left @ right

@@ -43,7 +43,17 @@ Nodes = tuple[Box, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Limit:
-    """A box, seen from the sources, outside of which a source is not known; remedy: for the message."""
+    """A box, seen from the sources, outside of which a source is not known.
+
+    Attributes
+    ----------
+    box : Box
+        The box.
+    name : str
+        Of the source.
+    remedy : str
+        For the message.
+    """
 
     box: Box
     name: str
@@ -54,10 +64,25 @@ class Limit:
 class Field:
     """A field of any sources over time.
 
-    data: the sources as the kernels take them (fields.kernels); solids: magnets, which the body can't enter, each with the distance (m)
-    from which on the field is accurate; limits: boxes outside of which it is not known; errors: of the table of magnets and coils, if there
-    is one; cell: width of a grid cell of the body, m: nearer to a point dipole its field has no meaning; nodes: box and numbers of nodes of
-    that table.
+    Attributes
+    ----------
+    source : FieldSource
+        The sources, as the scene says them.
+    data : array (m,)
+        The sources as the kernels take them (fields.kernels).
+    solids : tuple of tuple[Solid, float]
+        Magnets, which the body can't enter, each with the distance (m) from which on the field
+        is accurate.
+    limits : tuple of Limit
+        Boxes outside of which it is not known.
+    errors : table.Errors or None
+        Of the table of magnets and coils, if there is one.
+    warnings : list of str
+        What a user should know, a sentence each.
+    cell : float, m
+        Width of a grid cell of the body: nearer to a point dipole its field has no meaning.
+    nodes : Nodes or None
+        Box and numbers of nodes of that table.
     """
 
     source: FieldSource
@@ -70,7 +95,27 @@ class Field:
     nodes: Nodes | None = None
 
     def at(self, points: Array, time: float | None = None) -> Array:
-        """B (n, 3) T at points (n, 3) m and a time (s; the end of the schedule unless given)."""
+        """Find the flux density.
+
+        Parameters
+        ----------
+        points : array (n, 3), m
+            Where.
+        time : float, s, optional
+            When; the end of the schedule unless given.
+
+        Returns
+        -------
+        array (n, 3), T
+            B at each point.
+
+        Examples
+        --------
+        >>> import magmpm
+        >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_field([0, 0, 0.004])
+        >>> scene.external_field().at([[0.01, 0.0, 0.0]]).tolist()  # T
+        [[0.0, 0.0, 0.004]]
+        """
         points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
         place = places(self.source, _times(time))[0]
         if not self.source.varies:
@@ -80,7 +125,20 @@ class Field:
         return out
 
     def gradient(self, points: Array, time: float | None = None) -> Array:
-        """grad B (n, 3, 3) T/m, dB_i/dx_j, at points (n, 3) m and a time (s; the end of the schedule unless given)."""
+        """Find the gradient of the flux density.
+
+        Parameters
+        ----------
+        points : array (n, 3), m
+            Where.
+        time : float, s, optional
+            When; the end of the schedule unless given.
+
+        Returns
+        -------
+        array (n, 3, 3), T/m
+            dB_i/dx_j at each point.
+        """
         points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
         out = np.empty((len(points), 3, 3))
         gradients_at(places(self.source, _times(time))[0], self.data, points, out)
@@ -89,7 +147,20 @@ class Field:
     def outside_domain(
         self, points: Array, time: float | None = None
     ) -> tuple[str, str, str] | None:
-        """Describe points (n, 3) m of a body where the field is not known: what happened, the source, the remedy; None without any."""
+        """Find whether a body is where the field is not known.
+
+        Parameters
+        ----------
+        points : array (n, 3), m
+            Of the body.
+        time : float, s, optional
+            When; the end of the schedule unless given.
+
+        Returns
+        -------
+        tuple[str, str, str] or None
+            What happened, the source, the remedy; None where all is well.
+        """
         bare = bare_dipoles(self.source)
         if not (self.solids or self.limits or bare) or len(points) == 0:
             return None
@@ -153,13 +224,41 @@ class Field:
         return None
 
     def check(self, points: Array, time: float | None = None) -> None:
-        """Raises LeftField where a body at points (n, 3) m is in a magnet, or where the field is not known."""
+        """Refuse a body that is in a magnet, or where the field is not known.
+
+        Parameters
+        ----------
+        points : array (n, 3), m
+            Of the body.
+        time : float, s, optional
+            When; the end of the schedule unless given.
+
+        Raises
+        ------
+        LeftField
+            Where it is.
+        """
         found = self.outside_domain(points, time)
         if found is not None:
             raise LeftField(f"{found[0]}; {found[2]}")
 
     def check_at_rest(self, points: Array, moving: bool, time: float | None = None) -> None:
-        """Raises SceneError where the body is in a magnet or the field not known. time: s; else 0 if moving, the schedule's end at rest."""
+        """Refuse a scene whose body is in a magnet, or where the field is not known.
+
+        Parameters
+        ----------
+        points : array (n, 3), m
+            Of the body.
+        moving : bool
+            Whether the scene is a motion.
+        time : float, s, optional
+            When. Unless given: 0 if moving, the schedule's end at rest.
+
+        Raises
+        ------
+        SceneError
+            Where it is.
+        """
         if time is None:
             time = 0.0 if moving else end_time(self.source)
         found = self.outside_domain(points, time)
@@ -180,11 +279,32 @@ def external_field(
     cell: float,
     nodes: Nodes | None = None,
 ) -> Field:
-    """The field of sources around a body. Tables are made once for each source and box; that takes seconds for magnets and coils.
+    """Make the field of sources around a body. Tables are made once for each source and box; that takes seconds for magnets and coils.
 
-    box: lower and upper corner of the undeformed body, m; anchored: whether it is held at its base; cell: width of a grid cell, m.
-    nodes: of the table, as another field has them: between tables of other nodes a field jumps by their errors as its sources move.
-    Raises SceneError: a magnet in or too near to the body, a map that does not cover it, magpylib missing.
+    Parameters
+    ----------
+    source : FieldSource
+        The sources.
+    box : tuple of (float, float, float), m
+        Lower and upper corner of the undeformed body.
+    anchored : bool
+        Whether it is held at its base.
+    cell : float, m
+        Width of a grid cell.
+    nodes : Nodes, optional
+        Of the table, as another field has them: between tables of other nodes a field jumps by
+        their errors as its sources move.
+
+    Returns
+    -------
+    Field
+        The field.
+
+    Raises
+    ------
+    SceneError
+        For a magnet in or too near to the body, a map that does not cover it, or where magpylib
+        is missing.
     """
     if not source.varies:
         return Field(source, np.zeros(2))

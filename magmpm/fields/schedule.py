@@ -20,7 +20,22 @@ DTYPE = np.dtype(PLACE)
 def places(
     field: FieldSource, times: Array | None = None, strength: float = 1.0
 ) -> NDArray[np.void]:
-    """Records (k,) of fields.kernels.PLACE at times (k,) s, or (1,) at the end of the schedule; `strength` scales all."""
+    """Find where the sources are, and how strong.
+
+    Parameters
+    ----------
+    field : FieldSource
+        The sources.
+    times : array (k,), s, optional
+        When; the end of the schedule unless given.
+    strength : float, no unit
+        Scales all.
+
+    Returns
+    -------
+    array
+        Records (k,) of fields.kernels.PLACE; one at the end of the schedule.
+    """
     times = (
         np.array([end_time(field)])
         if times is None
@@ -52,7 +67,24 @@ def places(
 def records(
     field: FieldSource, dtype: np.dtype[Any], times: Array | None, strength: float
 ) -> NDArray[np.void]:
-    """`places` as records of a dtype that has those of PLACE: an effect's."""
+    """Find the same as records of an effect.
+
+    Parameters
+    ----------
+    field : FieldSource
+        The sources.
+    dtype : np.dtype[Any]
+        Has the entries of PLACE.
+    times : array (k,), s, or None
+        When; None: the end of the schedule.
+    strength : float, no unit
+        Scales all.
+
+    Returns
+    -------
+    array
+        Records (k,) of this dtype.
+    """
     found = places(field, times, strength)
     out = np.zeros(len(found), dtype)
     for entry in PLACE:
@@ -61,12 +93,34 @@ def records(
 
 
 def end_time(field: FieldSource) -> float:
-    """Time when everything that ends has ended, s; 0 where nothing changes or nothing ends."""
+    """Find when everything of a field that ends has ended.
+
+    Parameters
+    ----------
+    field : FieldSource
+        The sources.
+
+    Returns
+    -------
+    float, s
+        The time; 0 where nothing changes or nothing ends.
+    """
     return ended(field.over_time)
 
 
 def ended(over: OverTime | None) -> float:
-    """Time when everything that ends has ended, s; 0 where nothing changes or nothing ends."""
+    """Find when everything of a schedule that ends has ended.
+
+    Parameters
+    ----------
+    over : OverTime or None
+        The schedule, or None.
+
+    Returns
+    -------
+    float, s
+        The time; 0 where nothing changes or nothing ends.
+    """
     if over is None:
         return 0.0
     ends = [0.0]
@@ -81,7 +135,18 @@ def ended(over: OverTime | None) -> float:
 
 
 def sample_times(field: FieldSource) -> Array:
-    """Times (k,) s that sample the whole path of the sources, to find which part of their frame the body may reach."""
+    """Find times that sample the whole path of the sources: which part of their frame the body may reach.
+
+    Parameters
+    ----------
+    field : FieldSource
+        The sources.
+
+    Returns
+    -------
+    array (k,), s
+        The times.
+    """
     over = field.over_time
     if over is None:
         return np.zeros(1)
@@ -99,7 +164,20 @@ def sample_times(field: FieldSource) -> Array:
 
 
 def strength_of(over: OverTime, times: Array) -> Array:
-    """Factor (k,) of the whole at times (k,) s."""
+    """Find the factor of the whole field over time.
+
+    Parameters
+    ----------
+    over : OverTime
+        The schedule.
+    times : array (k,), s
+        When.
+
+    Returns
+    -------
+    array (k,), no unit
+        The factors.
+    """
     factor = np.ones(len(times))
     if over.ramp is not None:
         share = np.clip((times - over.ramp.start) / over.ramp.duration, 0.0, 1.0)

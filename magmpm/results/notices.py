@@ -153,7 +153,15 @@ class Watched:
             log.error("%s: %s", self._title, error)
 
     def at(self, done: float, note: str = "") -> None:
-        """Tell that so much of the total is done."""
+        """Tell how much of the total is done.
+
+        Parameters
+        ----------
+        done : float
+            So much, in the total's unit.
+        note : str, default ''
+            What to show beside it.
+        """
         said = f"{done:.6g} of {self._total:.6g} {self._unit}" if self._total is not None else ""
         self._say(", ".join(part for part in (said, note) if part))
         if self._shown:
@@ -162,7 +170,13 @@ class Watched:
             bar.update(done - bar.n)
 
     def note(self, text: str) -> None:
-        """Tell what is being done, where its end is not known."""
+        """Tell what is being done, where its end is not known.
+
+        Parameters
+        ----------
+        text : str
+            In words.
+        """
         self._say(text)
         if self._shown:
             bar = self._drawn()
@@ -172,7 +186,18 @@ class Watched:
     def also(
         self, on_progress: Callable[[int, float], None] | None
     ) -> Callable[[int, float], None]:
-        """`on_progress(step, time)` as runs call it: moves the bar to this time, and calls the user's own."""
+        """Make a function that moves the bar and calls the user's own, for runs.
+
+        Parameters
+        ----------
+        on_progress : callable or None
+            The user's own, `on_progress(step, time)`.
+
+        Returns
+        -------
+        callable
+            The function, with the same arguments.
+        """
 
         def tell(step: int, at: float) -> None:
             self.at(at, f"step {step}")
@@ -182,7 +207,13 @@ class Watched:
         return tell
 
     def ended(self, answer: object) -> None:
-        """Tell the log what came out."""
+        """Tell the log what came out.
+
+        Parameters
+        ----------
+        answer : object
+            It is shown by its repr.
+        """
         log.info("%s: %r", self._title, answer)
 
     def _say(self, text: str) -> None:

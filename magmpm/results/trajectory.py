@@ -163,10 +163,29 @@ class MotionWriter:
     ) -> None:
         """Add a frame.
 
-        time: s, later than the last frame's; x (n, 3) m; v (n, 3) m/s; F (n, 3, 3); stress (n, 3, 3) Pa: first Piola-Kirchhoff stress,
-        the effects' part included; energies: J, kinetic, elastic and each effect's potential. contacts: effect -> its contact
-        (effects.base.Contact). field: (3,) T, the external field at the body, for pictures.
-        Raises BudgetError, before anything is written, if the frame would not fit into max_disk or on the disk.
+        Parameters
+        ----------
+        time : float, s
+            Later than the last frame's.
+        x : array (n, 3), m
+            Positions of the particles.
+        v : array (n, 3), m/s
+            Their velocities.
+        F : array (n, 3, 3), no unit
+            Their deformation gradients.
+        stress : array (n, 3, 3), Pa
+            Their first Piola-Kirchhoff stress, with the effects' part.
+        energies : Mapping[str, float], J
+            Kinetic, elastic and each effect's potential.
+        contacts : Mapping[str, Any], optional
+            The contact of each effect (effects.base.Contact).
+        field : array (3,), T, optional
+            The external field at the body, for pictures.
+
+        Raises
+        ------
+        BudgetError
+            Before anything is written, if the frame would not fit into max_disk or on the disk.
         """
         self._afford(time)
         arrays = self._arrays.of(x, v, F, stress)

@@ -100,10 +100,22 @@ class RodShape:
 
 @dataclass(frozen=True)
 class RodModel:
-    """A scene as a rod: lengths, stiffnesses and loads of n elements, in SI units.
+    """A scene as a rod of n elements.
 
-    twist_bend (n, 3) N m^2; compliance (n, 3) 1/N; moment (n, 3) A m: A Br/mu0 per length in the frame; axial_moment (n,) A m;
-    weight (n + 1, 3) N: weight beyond each frame; field (n + 1, 3) T: at each frame.
+    Attributes
+    ----------
+    length : array (n,), m
+        Of the elements.
+    twist_bend : array (n, 3), N m^2
+        Stiffness against twist and the two bendings.
+    compliance : array (n, 3), 1/N
+        Against stretch and the two shears.
+    moment : array (n, 3), A m
+        Magnetic moment per length in the frame, A Br/mu0.
+    weight : array (n + 1, 3), N
+        Beyond each frame.
+    field : array (n + 1, 3), T
+        At each frame.
     """
 
     length: Array
@@ -119,11 +131,34 @@ class RodModel:
         return np.concatenate([[0.0], np.cumsum(self.length)])
 
     def straight(self) -> Array:
-        """Quaternions (n + 1, 4) of the straight rod."""
+        """Make the frames of the straight rod.
+
+        Returns
+        -------
+        array (n + 1, 4), no unit
+            Quaternions.
+        """
         return np.tile([1.0, 0.0, 0.0, 0.0], (len(self.length) + 1, 1))
 
     def relax(self, quaternions: Array) -> tuple[int, int, float, bool]:
-        """Status, steps, energy and stability of the equilibrium near quaternions (n + 1, 4), changed in place (rod.kernels.relax)."""
+        """Find the equilibrium near given frames (rod.kernels.relax).
+
+        Parameters
+        ----------
+        quaternions : array (n + 1, 4), no unit
+            The frames, changed in place.
+
+        Returns
+        -------
+        status : int
+            0 where it has converged.
+        steps : int
+            Newton steps.
+        energy : float, J
+            Of the rod.
+        stable : bool
+            Whether it is a minimum.
+        """
         loads = self.moment, self.field, self.weight
         status, steps, energy, stable = relax(
             quaternions, self.length, self.twist_bend, self.compliance, *loads
@@ -131,7 +166,24 @@ class RodModel:
         return status, steps, energy, bool(stable)
 
     def shape(self, quaternions: Array, iterations: int, energy: float, stable: bool) -> RodShape:
-        """The shape of an equilibrium."""
+        """Make the shape of an equilibrium.
+
+        Parameters
+        ----------
+        quaternions : array (n + 1, 4), no unit
+            Its frames.
+        iterations : int
+            Of the solve.
+        energy : float, J
+            Of the rod.
+        stable : bool
+            Whether it is a minimum.
+
+        Returns
+        -------
+        RodShape
+            The shape.
+        """
         position, frames, curvature, strain = frames_of(
             quaternions, self.length, self.compliance, self.moment, self.field, self.weight
         )
@@ -153,9 +205,28 @@ class RodModel:
 def rod_model(
     scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None
 ) -> RodModel:
-    """The rod of a scene. Elements end where segments end. extensible False: no stretch or shear (the pure elastica).
+    """Make the rod of a scene. Elements end where segments end.
 
-    time: s, of the field's schedule; its end unless given.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    elements : int, default ELEMENTS
+        How many.
+    extensible : bool, default True
+        Whether it stretches and shears; else it is the pure elastica.
+    time : float, s, optional
+        Of the field's schedule; its end unless given.
+
+    Returns
+    -------
+    RodModel
+        The rod.
+
+    Raises
+    ------
+    SolveError
+        Where the body is no rod.
     """
     body = scene.body.shape
     if not isinstance(body, StraightBody):
@@ -194,10 +265,40 @@ def rod_model(
 def solve_rod(
     scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None
 ) -> RodShape:
-    """Equilibrium of the scene's rod on the branch that grows from zero load; time: as of `rod_model`.
+    """Find the equilibrium of the scene's rod on the branch that grows from zero load.
 
-    Field and weight grow together from zero. At every step, Newton's method with an energy line search finds a minimum. Where the
-    continuation has become unstable, it goes down the direction of negative curvature. Raises SolveError if a step does not converge.
+    Field and weight grow together from zero. At every step, Newton's method with an energy line
+    search finds a minimum. Where the continuation has become unstable, it goes down the direction
+    of negative curvature.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    elements : int, default ELEMENTS
+        How many.
+    extensible : bool, default True
+        As of `rod_model`.
+    time : float, s, optional
+        As of `rod_model`.
+
+    Returns
+    -------
+    RodShape
+        The shape.
+
+    Raises
+    ------
+    SolveError
+        If a step does not converge.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> from magmpm.rod.cosserat import solve_rod
+    >>> rod = solve_rod(magmpm.load_scene("data/scenes/axial_transverse.yaml"))
+    >>> rod.position.shape, rod.stable  # m
+    ((181, 3), True)
     """
     rod = rod_model(scene, elements, extensible=extensible, time=time)
     surroundings = (
@@ -207,7 +308,23 @@ def solve_rod(
 
 
 def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
-    """Field and pull of a field that varies in space, along the axis of the rod. They are taken as uniform within a section."""
+    """Find field and pull of a field that varies in space, along the axis of a rod. They are taken as uniform within a section.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    rod : RodModel
+        Its rod.
+    time : float, s, or None
+        Of the field's schedule; None: its end.
+
+    Returns
+    -------
+    Surroundings
+        From positions (n + 1, 3) m and frames (n + 1, 3, 3) to the field at the frames (n + 1,
+        3) T and the pull on the elements (n, 3) N.
+    """
     source = scene.external_field()
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
@@ -230,10 +347,28 @@ def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
 def solve_rod_model(
     rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None
 ) -> RodShape:
-    """Equilibrium at the last of the load factors `loads` (default: equal steps, more for a larger load).
+    """Find the equilibrium of a rod.
 
-    surroundings: positions (n + 1, 3) m and frames (n + 1, 3, 3) -> field at the frames (n + 1, 3) T and pull on the elements (n, 3) N,
-    if these depend on the shape. They are kept constant while the rod relaxes, then found again, until the shape converges (FOLLOWED).
+    Parameters
+    ----------
+    rod : RodModel
+        The rod.
+    loads : array (k,), no unit, optional
+        Load factors, of which the last one is that of the answer; equal steps unless given,
+        more for a larger load.
+    surroundings : Surroundings, optional
+        As of `along_rod`, if field and pull depend on the shape. They are kept constant while
+        the rod relaxes, then found again, until the shape converges (FOLLOWED).
+
+    Returns
+    -------
+    RodShape
+        The shape.
+
+    Raises
+    ------
+    SolveError
+        If a step does not converge.
     """
     if surroundings is not None:
         return _follow(rod, surroundings)

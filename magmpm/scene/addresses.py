@@ -19,7 +19,18 @@ _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d+|\*)\])*)")
 
 
 def written(place: Place) -> str:
-    """A place as an address."""
+    """Write a place as an address.
+
+    Parameters
+    ----------
+    place : Place
+        Keys and indices.
+
+    Returns
+    -------
+    str
+        The address, such as field.uniform[2].
+    """
     text = ""
     for part in place:
         text += f"[{part}]" if isinstance(part, int) else f".{part}"
@@ -27,7 +38,25 @@ def written(place: Place) -> str:
 
 
 def places(scene: Scene, address: str) -> list[Place]:
-    """The places that an address names, one for each of [*]. Raises InputError where the scene has nothing there."""
+    """Find the places that an address names, one for each of [*].
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    address : str
+        Such as `field.coils[*].current`.
+
+    Returns
+    -------
+    list of Place
+        The places.
+
+    Raises
+    ------
+    InputError
+        Where the scene has nothing there.
+    """
     parts = _parts(address)
     found = list(_expanded(scene.to_si(), parts, ()))
     if not found:
@@ -49,7 +78,22 @@ def places(scene: Scene, address: str) -> list[Place]:
 
 
 def value_at(scene: Scene, place: Place, *, units: bool = False) -> Any:
-    """Value that a scene has at a place, in SI, or with units as text."""
+    """Find the value that a scene has at a place.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    place : Place
+        Keys and indices.
+    units : bool, default False
+        As text with units, as files have it; else in SI.
+
+    Returns
+    -------
+    object
+        The value.
+    """
     context = {"units": True} if units else None
     found: Any = scene.model_dump(mode="json", context=context)
     for part in place:
@@ -58,7 +102,25 @@ def value_at(scene: Scene, place: Place, *, units: bool = False) -> Any:
 
 
 def changed(scene: Scene, values: Mapping[Place, Any]) -> Scene:
-    """The scene with other values at these places. Raises InputError where it breaks a rule."""
+    """Put other values into a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    values : mapping of place to value, SI
+        The values.
+
+    Returns
+    -------
+    Scene
+        The other scene.
+
+    Raises
+    ------
+    InputError
+        Where it breaks a rule.
+    """
     if not values:
         return scene
     data = {**scene.to_si(), "reference": None}  # it is that of another scene
@@ -67,9 +129,18 @@ def changed(scene: Scene, values: Mapping[Place, Any]) -> Scene:
 
 
 def put(data: dict[str, Any], values: Mapping[Place, Any], scene: Scene) -> None:
-    """Write values at these places into a scene's plain data: in SI, or the content of its file, with units.
+    """Write values into a scene's plain data in place: in SI, or with units into the content of its file.
 
     A vector that a file leaves out, or gives in another form, is first written as `scene` has it.
+
+    Parameters
+    ----------
+    data : dict[str, Any]
+        The data, or the content.
+    values : Mapping[Place, Any]
+        By place, as the data have them.
+    scene : Scene
+        The scene.
     """
     for place, value in values.items():
         holder = _holder(data, place)
@@ -80,7 +151,17 @@ def put(data: dict[str, Any], values: Mapping[Place, Any], scene: Scene) -> None
 
 
 def say(content: dict[str, Any], scene: Scene, places: Iterable[Place]) -> None:
-    """Make the content of a file say what a scene says at these places, with units; read again, they are equal to the last bit."""
+    """Make the content of a file say what a scene says, with units; read again, they are equal to the last bit.
+
+    Parameters
+    ----------
+    content : dict[str, Any]
+        Of the file, changed in place.
+    scene : Scene
+        The scene.
+    places : iterable of Place
+        Where.
+    """
     for place in places:
         value = value_at(scene, place, units=True)
         put(content, {place: value}, scene)

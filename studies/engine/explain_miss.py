@@ -38,7 +38,23 @@ Finding = dict[str, Any]
 
 
 def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) -> list[Finding]:
-    """Reasons why the best design is not better: dicts with `what`, the sentence `says`, numbers in SI. None where it is near enough."""
+    """Find reasons why the best design is not better.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    space : SearchSpace
+        Its search space.
+    trials : sequence of FrozenTrial
+        Finished ones.
+
+    Returns
+    -------
+    list of Finding
+        Dicts with `what`, the sentence `says`, and numbers in SI; none where the best design is
+        near enough.
+    """
     if len(study.minimize) > 1:  # a front says itself what more field brings
         return []
     best = best_trial(trials)
@@ -171,9 +187,28 @@ def _curvature(study: Study, space: SearchSpace, best: FrozenTrial) -> list[Find
 
 
 def reachable_curvature(scene: Scene, field_max: float | None) -> tuple[Array, Array]:
-    """Arc lengths (n,) m and the largest curvature (n,) 1/m that torques and weight can give there, whatever the directions.
+    """Find the largest curvature that torques and weight can give a body, whatever the directions.
 
-    In the strongest field along the body's undeformed axis, or a uniform one of field_max, T. Raises SolveError where other forces act.
+    In the strongest field along the body's undeformed axis, or a uniform one.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    field_max : float, T, or None
+        Strength of the uniform field; None: the scene's own field.
+
+    Returns
+    -------
+    s : array (n,), m
+        Arc lengths.
+    curvature : array (n,), 1/m
+        The largest there.
+
+    Raises
+    ------
+    SolveError
+        Where other forces act.
     """
     others = ("magnetic_force", "magnetic_interaction", "walls", "ground", "self_contact")
     if any(getattr(scene.effects, name, None) is not None for name in others):
@@ -189,9 +224,21 @@ def reachable_curvature(scene: Scene, field_max: float | None) -> tuple[Array, A
 
 
 def target_bends(target: Array, window: float) -> tuple[Array, Array]:
-    """Ends (k, 2) m of stretches of a target (m, 4) m and its mean curvature (k,) 1/m there; it leaves the origin along +x.
+    """Find how a target bends; it leaves the origin along +x. A chord has the direction of the curve at its middle.
 
-    Rows are taken at a distance of at least `window`, m. A chord has the direction of the curve at its middle.
+    Parameters
+    ----------
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    window : float, m
+        Least distance of the rows that are taken.
+
+    Returns
+    -------
+    ends : array (k, 2), m
+        Of stretches of the target, by arc length.
+    curvature : array (k,), 1/m
+        Mean curvature of each.
     """
     rows = [np.zeros(4)]
     for row in target:

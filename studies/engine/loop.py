@@ -73,7 +73,27 @@ LOOK = 1.0  # s between two looks at what other sessions do
 def check_study(
     study: Study, workers: int | None = None, time_limit: float | None = None
 ) -> list[str]:
-    """Warnings about the search of a study, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
+    """Find what a user should know of a study's search.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    workers : int, optional
+        Number of processes that solve.
+    time_limit : float, s, optional
+        Of a design.
+
+    Returns
+    -------
+    list of str
+        One sentence each.
+
+    Raises
+    ------
+    InputError
+        Where its sampler can't search it, or nothing can.
+    """
     choice.check_available(study.sampler)
     choice.check_suits(study)
     choice.check_workers(workers, time_limit)
@@ -100,20 +120,69 @@ def run_study(
     on_open: Callable[[Study], object] | None = None,
     on_note: Note = silent,
 ) -> StudyReport:
-    """Runs a study to its end, or resumes it; returns at once when it is done.
+    """Run a study to its end, or resume it; return at once when it is done.
 
-    solve: from scene to Result; what it raises costs the trial the penalty. differentiate: solves with derivatives, for the samplers that
-    use them (magmpm.sensitivities); ValueError where it is missing. trials, sampler: in place of the study's; trials
-    counts all trials, including those of earlier runs; if it is given, the study runs that many, past its `stop` too. After an interrupt
-    (Ctrl-C) everything finished is kept. on_advice: called before the first trial with what a user should know of the search, and when
-    the storage's server goes away and comes back, for which `outage` s are waited. workers: processes that solve; then solve, differentiate
-    and picture must be importable or picklable, and other sessions may share the storage, if it is not the folder's own. None: this
-    process solves, and works on the study alone. artifacts: a folder or s3://BUCKET for the trials' pictures, in place of OUT/artifacts.
-    time_limit: s after which a worker that still solves a design is ended; the design is solved again, once (None: allowed_time).
-    on_open(study): called when folder and storage are found usable, before the study is written there or anything needs kernels.
-    on_note(text): told in words what is being done where no trial ends for a while: designs of rods, the best design, its movie.
-    Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
-    StorageError when the database is locked or gone.
+    After an interrupt (Ctrl-C) everything finished is kept.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    solve : callable
+        From a scene to its Result; what it raises costs the trial the penalty.
+    differentiate : callable, optional
+        From a scene to its Sensitivities (magmpm.sensitivities), for the samplers that use
+        derivatives.
+    out : Path or str
+        The study's folder.
+    picture : Picture, optional
+        Draws a trial; there are no pictures unless given.
+    on_trial : callable, optional
+        Called with each trial that ends.
+    on_advice : callable, optional
+        Called before the first trial with what a user should know of the search, and when the
+        storage's server goes away and comes back.
+    trials : int, optional
+        Number of all trials, with those of earlier runs, in place of the study's. If it is
+        given, the study runs that many, past its `stop` too.
+    sampler : str, optional
+        In place of the study's.
+    storage : str, optional
+        URL of the database; OUT/study.db unless given.
+    storage_timeout : float, s, optional
+        How long a locked SQLite file is waited for.
+    workers : int, optional
+        Number of processes that solve. Then solve, differentiate and picture must be importable
+        or picklable, and other sessions may share the storage, if it is not the folder's own.
+        None: this process solves, and works on the study alone.
+    outage : float, s, optional
+        How long a server that does not answer is waited for.
+    artifacts : str, optional
+        A folder or s3://BUCKET for the trials' pictures, in place of OUT/artifacts.
+    time_limit : float, s, optional
+        After which a worker that still solves a design is ended; the design is solved again,
+        once. Unless given, allowed_time.
+    on_open : callable, optional
+        Called with the study when folder and storage are found usable, before the study is
+        written there or anything needs kernels.
+    on_note : Note, default silent
+        Told in words what is being done where no trial ends for a while: designs of rods, the
+        best design, its movie.
+
+    Returns
+    -------
+    StudyReport
+        The study as it stands.
+
+    Raises
+    ------
+    InputError
+        For a changed definition, an unusable sampler or storage, and if another process writes
+        to the folder.
+    StorageError
+        When the database is locked or gone.
+    ValueError
+        Where the sampler needs `differentiate`, and it is missing.
     """
     study = study.changed(trials=trials, sampler=sampler)
     if differentiate is None and study.why_sampler is not None:
@@ -174,12 +243,34 @@ def run_study(
 
 
 def allowed_time(durations: list[float]) -> float | None:
-    """Time limit of a worker for a design, s: a hundred times the usual, ten minutes at least; None before any is finished."""
+    """Find the time that a worker has for a design: a hundred times the usual, ten minutes at least.
+
+    Parameters
+    ----------
+    durations : list of float, s
+        Of designs that are finished.
+
+    Returns
+    -------
+    float, s, or None
+        The limit; None before any is finished.
+    """
     return max(600.0, 100.0 * statistics.median(durations)) if durations else None
 
 
 def kernel_uses(study: Study) -> list[str]:
-    """Uses of a study's kernels (magmpm.solving.precompile): derivatives and families of rods only where it uses them."""
+    """Find the uses of a study's kernels (magmpm.solving.precompile): derivatives and families of rods only where it uses them.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    list of str
+        The uses.
+    """
     rods = (
         study.sampler == "gauss-newton"
         or study.start == "rod"

@@ -40,7 +40,23 @@ DESIGN = "design.json"
 
 
 def whole_place(place: str) -> str:
-    """The place of pictures from wherever it is looked for: an absolute path, or s3://BUCKET. Raises InputError for other addresses."""
+    """Name the place of pictures from wherever it is looked for.
+
+    Parameters
+    ----------
+    place : str
+        A folder, or s3://BUCKET.
+
+    Returns
+    -------
+    str
+        An absolute path, or s3://BUCKET.
+
+    Raises
+    ------
+    InputError
+        For other addresses.
+    """
     if SCHEME.match(place) and not place.startswith(S3):
         rule = "must be a folder, or s3://BUCKET"
         remedy = "--artifacts s3://my-study, or a folder that all machines see"
@@ -49,10 +65,28 @@ def whole_place(place: str) -> str:
 
 
 def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Boto3ArtifactStore:
-    """The store that `place` names: a folder, s3://BUCKET, or None for the folder's own. Raises InputError.
+    """Make the store of a study's pictures, by Optuna's own stores.
 
-    All by Optuna's own stores. The keys of S3 come from where its clients look for them (AWS_ACCESS_KEY_ID, ~/.aws, a role), the address
-    of a store that is not Amazon's from AWS_ENDPOINT_URL; neither is kept with the study.
+    The keys of S3 come from where its clients look for them (AWS_ACCESS_KEY_ID, ~/.aws, a role),
+    the address of a store that is not Amazon's from AWS_ENDPOINT_URL; neither is kept with the
+    study.
+
+    Parameters
+    ----------
+    place : str or None
+        A folder, s3://BUCKET, or None for the study's own.
+    out : Path
+        The study's folder.
+
+    Returns
+    -------
+    FileSystemArtifactStore or Boto3ArtifactStore
+        The store.
+
+    Raises
+    ------
+    InputError
+        Where there is no such store.
     """
     from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
 
@@ -82,7 +116,19 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
 
 
 class Gallery:
-    """The pictures of a study's trials, as files and as Optuna artifacts."""
+    """The pictures of a study's trials, as files and as Optuna artifacts.
+
+    Parameters
+    ----------
+    out : Path
+        The study's folder.
+    storage : optuna.storages.BaseStorage
+        The storage.
+    url : str
+        Of the storage.
+    place : str, optional
+        Where artifacts are kept; None for the folder itself.
+    """
 
     def __init__(
         self, out: Path, storage: optuna.storages.BaseStorage, url: str, place: str | None = None
@@ -96,9 +142,19 @@ class Gallery:
         self._own = place is None
 
     def attach(self, trial: optuna.Trial, files: Sequence[Path]) -> str | None:
-        """Attaches a trial's pictures. Returns the reason if that is not possible: a missing picture never fails a trial.
+        """Attach pictures to a trial. What an interrupted run of the same trial has attached already is replaced.
 
-        What an interrupted run of the same trial has attached already is replaced.
+        Parameters
+        ----------
+        trial : optuna.Trial
+            The trial.
+        files : sequence of Path
+            Its pictures.
+
+        Returns
+        -------
+        str or None
+            The reason if that is not possible: a missing picture never fails a trial.
         """
         from optuna.artifacts import get_all_artifact_meta, upload_artifact
 
@@ -146,7 +202,18 @@ class Gallery:
         return True
 
     def mend(self, trials: Sequence[FrozenTrial]) -> list[str]:
-        """Puts back artifacts that are gone or damaged from the study's pictures. Returns a sentence for each that can't be."""
+        """Put back artifacts that are gone or damaged from the study's pictures.
+
+        Parameters
+        ----------
+        trials : sequence of FrozenTrial
+            Those whose pictures are looked at.
+
+        Returns
+        -------
+        list of str
+            A sentence for each that can't be put back.
+        """
         from optuna.artifacts import get_all_artifact_meta
 
         mended = 0
@@ -179,7 +246,17 @@ class Gallery:
 
 
 def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
-    """Writes a result and the design it belongs to (number, rms_m, params, ...) into a folder; the design last."""
+    """Write a result and the design that it belongs to into a folder; the design last.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they are written.
+    result : Result
+        The result.
+    design : dict[str, Any]
+        number, rms_m, params, ...
+    """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / DESIGN).unlink(missing_ok=True)
     result.save(folder)
@@ -188,7 +265,20 @@ def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
 
 
 def holds(folder: Path, trial: FrozenTrial) -> bool:
-    """True if a folder holds the complete result of this trial, readable."""
+    """Tell whether a folder holds the complete result of a trial, readable.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    trial : FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    bool
+        True if it does.
+    """
     design = read_design(folder)
     return (
         design.get("number") == trial.number
@@ -198,7 +288,18 @@ def holds(folder: Path, trial: FrozenTrial) -> bool:
 
 
 def read_design(folder: Path) -> dict[str, Any]:
-    """Read what is stored there about a design; empty if nothing is readable."""
+    """Read what a folder says of its design.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    dict[str, Any]
+        The design; empty if nothing is readable.
+    """
     try:
         design = json.loads(read_regular(folder / DESIGN, MOST))
     except (OSError, ValueError):
@@ -207,7 +308,18 @@ def read_design(folder: Path) -> dict[str, Any]:
 
 
 def designs(out: Path) -> dict[int, dict[str, Any]]:
-    """Parameters of the designs that a study's folder holds, by their trials' numbers."""
+    """Find the designs that a study's folder holds.
+
+    Parameters
+    ----------
+    out : Path
+        The study's folder.
+
+    Returns
+    -------
+    dict[int, dict[str, Any]]
+        Parameters by the trials' numbers.
+    """
     found = [read_design(folder) for folder in [out / BEST, *(out / IMPROVEMENTS).glob("[0-9]*")]]
     return {
         design["number"]: design["params"]
@@ -217,7 +329,15 @@ def designs(out: Path) -> dict[int, dict[str, Any]]:
 
 
 def replace_folder(source: Path, target: Path) -> None:
-    """Makes `target` a copy of `source`; it is never left half copied."""
+    """Make a folder a copy of another; it is never left half copied.
+
+    Parameters
+    ----------
+    source : Path
+        The other folder.
+    target : Path
+        What becomes its copy.
+    """
     part = target.with_name(f".{target.name}")
     shutil.rmtree(part, ignore_errors=True)
     shutil.copytree(source, part)

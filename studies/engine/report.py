@@ -205,8 +205,20 @@ class StudyReport:
 
 
 def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
-    """The feasible trial nearest to the target; of equals, the first. If it is less stable than BRINK: of those whose value is at most
-    NEARLY times as large, and not on the brink if one is not, the least value times its cost, 1 + (NEARLY - 1) BRINK / stability.
+    """Find the feasible trial nearest to the target; of equals, the first.
+
+    If it is less stable than BRINK: of those whose value is at most NEARLY times as large, and not
+    on the brink if one is not, the least value times its cost, 1 + (NEARLY - 1) BRINK / stability.
+
+    Parameters
+    ----------
+    trials : sequence of FrozenTrial
+        All trials.
+
+    Returns
+    -------
+    FrozenTrial or None
+        The best; None where none is feasible.
     """
     near = nearest_first(trials)
     stability = {
@@ -221,7 +233,18 @@ def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
 
 
 def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
-    """A warning where a best design, as `describe` has it, is less stable than BRINK."""
+    """Warn where a best design is less stable than BRINK.
+
+    Parameters
+    ----------
+    best : Mapping[str, Any] or None
+        As `describe` has it.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
+    """
     if best is None or best.get("stability") is None or best["stability"] >= BRINK:
         return []
     depth = next(
@@ -240,22 +263,66 @@ def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
 
 
 def nearest_first(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """The feasible trials, nearest to the target first; of equals, the first."""
+    """Order the feasible trials, nearest to the target first; of equals, the first.
+
+    Parameters
+    ----------
+    trials : sequence of FrozenTrial
+        All trials.
+
+    Returns
+    -------
+    list of FrozenTrial
+        The feasible ones.
+    """
     return sorted((t for t in trials if feasible(t)), key=_rms)
 
 
 def feasible(trial: FrozenTrial) -> bool:
-    """True if the trial's solve succeeded and it did not get the penalty."""
+    """Tell whether a trial's solve succeeded and it did not get the penalty.
+
+    Parameters
+    ----------
+    trial : FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    bool
+        True if so.
+    """
     return bool(trial.user_attrs.get("feasible"))
 
 
 def refused(trial: FrozenTrial) -> bool:
-    """True if the trial was solved, but was less stable than its study's margin."""
+    """Tell whether a trial was solved, but was less stable than its study's margin.
+
+    Parameters
+    ----------
+    trial : FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    bool
+        True if so.
+    """
     return bool(trial.user_attrs.get("refused"))
 
 
 def describe(trial: FrozenTrial) -> dict[str, Any]:
-    """Describe a trial for a report."""
+    """Describe a trial for a report.
+
+    Parameters
+    ----------
+    trial : FrozenTrial
+        The trial.
+
+    Returns
+    -------
+    dict[str, Any]
+        Plain data in SI.
+    """
     kept = {
         key: trial.user_attrs.get(key)
         for key in ("tip_error_m", "stability", "magnetization", "field_T")
@@ -270,7 +337,18 @@ def describe(trial: FrozenTrial) -> dict[str, Any]:
 
 
 def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
-    """Median of the trials' whole seconds, by the storage's clock: from the request for a trial until its value was stored."""
+    """Find the median of the trials' whole seconds, by the storage's clock: from the request for a trial until its value was stored.
+
+    Parameters
+    ----------
+    trials : sequence of FrozenTrial
+        Finished ones.
+
+    Returns
+    -------
+    float, s, or None
+        The median; None where there is none.
+    """
     spans = [(t.datetime_start, t.datetime_complete) for t in trials]
     seconds = [
         (end - begin).total_seconds()
@@ -291,15 +369,31 @@ def verified(
     solve: Callable[[Scene], Result],
     known: Sequence[dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """The best designs of a study that requests an error, on finer grids, best first.
+    """Solve the best designs of a study that requests an error on finer grids.
 
-    Trials run on the coarsest grid, which sorts good from bad. At the end every design that its error can't tell from the best one is run
-    with the error that is requested. Each is {number, rms_m, trial_cells, judged_rms_m, error_estimate_m, cells_across, coarse_error_m}, or
-    has a `reason`.
+    Trials run on the coarsest grid, which sorts good from bad. At the end every design that its
+    error can't tell from the best one is run with the error that is requested. A design whose finer
+    run fails keeps the reason.
 
-    designs: feasible trials, nearest to the target first; scene_of: the scene of a trial on the coarse grid; known: those evaluated before.
-    rms_m is that of the trial; judged_rms_m (m) is right to error_estimate_m; coarse_error_m: bound of the trial's own error, None where
-    the coarse grid was not among those that were tried. A design whose finer run fails keeps the reason.
+    Parameters
+    ----------
+    study : Study
+        The study.
+    designs : sequence of FrozenTrial
+        Feasible trials, nearest to the target first.
+    scene_of : callable
+        Makes the scene of a trial on the coarse grid.
+    solve : callable
+        From a scene to its Result.
+    known : sequence of dict[str, Any]
+        Those solved before.
+
+    Returns
+    -------
+    list of dict[str, Any]
+        Best first. Each has number, rms_m (of the trial), trial_cells, judged_rms_m (m), which
+        is right to error_estimate_m, cells_across, and coarse_error_m, bound of the trial's own
+        error, None where the coarse grid was not among those that were tried; or a `reason`.
     """
     before = {one["number"]: one for one in known}
     found: list[dict[str, Any]] = []
@@ -350,7 +444,18 @@ def _verified_one(
 
 
 def verified_lines(found: Sequence[dict[str, Any]]) -> list[str]:
-    """Messages on the designs that were verified, a line each."""
+    """Write messages on the designs that were verified.
+
+    Parameters
+    ----------
+    found : sequence of dict[str, Any]
+        As `verified` returns them.
+
+    Returns
+    -------
+    list of str
+        A line for each.
+    """
     lines = []
     for one in found:
         if "reason" in one:

@@ -32,7 +32,17 @@ FIXED = "fixed_params"  # attribute by which Optuna gives a trial its design
 
 
 class DatabaseFile:
-    """An SQLite file that is in use, as it was found last."""
+    """An SQLite file that is in use, as it was found last.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    study : str
+        Name of the study in it.
+    timeout : float, s
+        How long a lock is waited for.
+    """
 
     def __init__(self, path: Path, study: str, timeout: float) -> None:
         """study: its name in the file; timeout: s to wait for a lock."""
@@ -45,7 +55,18 @@ class DatabaseFile:
         self._logs: dict[Path, int] = {}
 
     def check(self, finished: int) -> None:
-        """Raises DatabaseLost unless the file is there, whole, may be written, and has so many finished trials of the study."""
+        """Check that the file is there, whole, may be written, and has so many finished trials of the study.
+
+        Parameters
+        ----------
+        finished : int
+            Number of trials.
+
+        Raises
+        ------
+        DatabaseLost
+            If it is not.
+        """
         fault = self._fault(finished)
         if fault is not None:
             raise DatabaseLost(
@@ -124,7 +145,19 @@ def _writable(path: Path, found: os.stat_result) -> bool:
 
 
 class Memory:
-    """The trials of a study as this session knows them."""
+    """The trials of a study as this session knows them.
+
+    Parameters
+    ----------
+    kept : optuna.Study
+        The study.
+    store : Store
+        Its storage.
+    path : Path
+        The SQLite file, in use from now on.
+    distributions : Mapping[str, BaseDistribution]
+        Of the parameters, by name.
+    """
 
     def __init__(
         self,
@@ -144,14 +177,28 @@ class Memory:
         store.guard = self._check
 
     def note(self, trials: Iterable[FrozenTrial]) -> None:
-        """Remember trials as they stand in the database."""
+        """Remember trials as they stand in the database.
+
+        Parameters
+        ----------
+        trials : iterable of FrozenTrial
+            The trials.
+        """
         for trial in trials:
             self._trials[trial.number] = trial
             if trial.state == TrialState.COMPLETE:
                 self._finished.add(trial.number)
 
     def finish(self, number: int, record: Callable[[optuna.Study, optuna.Trial], object]) -> None:
-        """Remember the outcome of a trial that the database has not taken; record(study, trial): writes it."""
+        """Remember the outcome of a trial that the database has not taken.
+
+        Parameters
+        ----------
+        number : int
+            Of the trial.
+        record : callable
+            `record(study, trial)` writes the outcome.
+        """
         begun = self._trials[number]
         scratch = optuna.create_study(directions=self._directions)
         scratch.enqueue_trial(begun.params, user_attrs=begun.user_attrs)
@@ -163,7 +210,20 @@ class Memory:
         self._trials[number] = found
 
     def told(self, error: MagmpmError, make: Callable[[Store], optuna.Study]) -> StorageError:
-        """Tell what became of the database and of the trials, which are saved. make(store): makes the study anew in another database."""
+        """Tell what became of the database and of the trials, which are saved.
+
+        Parameters
+        ----------
+        error : MagmpmError
+            What was raised.
+        make : callable
+            `make(store)` makes the study anew in another database.
+
+        Returns
+        -------
+        StorageError
+            The error to raise.
+        """
         what, *_ = str(error).splitlines()
         finished = sum(trial.state == TrialState.COMPLETE for trial in self._trials.values())
         rule = "an SQLite file must stay in place, whole and writable until its study ends"

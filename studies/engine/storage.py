@@ -72,7 +72,27 @@ class DatabaseDamaged(InputError):
 
 @contextmanager
 def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
-    """Turns what the database driver raises into a StorageError that says what to do; StorageAway where a server does not answer."""
+    """Turn what the database driver raises into a StorageError that says what to do.
+
+    Parameters
+    ----------
+    url : str
+        Of the storage.
+    timeout : float, s, optional
+        How long a locked SQLite file is waited for.
+
+    Yields
+    ------
+    None
+        Nothing: it is a context.
+
+    Raises
+    ------
+    StorageError
+        Where the storage can't be used.
+    StorageAway
+        Where a server does not answer.
+    """
     from optuna.exceptions import StorageInternalError
     from sqlalchemy.exc import SQLAlchemyError
 
@@ -161,7 +181,16 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
 class Store:
     """Calls of a storage. A server that does not answer is waited for: it may be restarted while a study runs for hours.
 
-    tell: gets a line when the wait begins, and when it ends.
+    Parameters
+    ----------
+    url : str
+        Of the storage.
+    timeout : float, s
+        How long a locked SQLite file is waited for.
+    outage : float, s
+        How long a server is waited for.
+    tell : callable
+        Gets a line when the wait begins, and when it ends.
     """
 
     def __init__(
@@ -176,7 +205,20 @@ class Store:
         self.guard: Callable[[], None] | None = None  # is called before each call
 
     def open(self) -> optuna.storages.BaseStorage:
-        """The storage. Raises InputError, StorageError."""
+        """Open the storage.
+
+        Returns
+        -------
+        optuna.storages.BaseStorage
+            The storage.
+
+        Raises
+        ------
+        InputError
+            As of open_storage.
+        StorageError
+            As of open_storage.
+        """
         self.storage = open_storage(self.url, self.timeout)
         return self.storage
 
@@ -249,10 +291,26 @@ def _rescued(folder: Path) -> str:
 
 
 def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStorage:
-    """The database as Optuna uses it, made if missing.
+    """Open the database as Optuna uses it; it is made if missing.
 
-    Raises InputError when the URL or its driver is wrong or the file is something else, StorageError when it is locked or
-    can't be reached.
+    Parameters
+    ----------
+    url : str
+        Of the storage.
+    timeout : float, s, optional
+        How long a locked SQLite file is waited for.
+
+    Returns
+    -------
+    optuna.storages.BaseStorage
+        The storage.
+
+    Raises
+    ------
+    InputError
+        When the URL or its driver is wrong or the file is something else.
+    StorageError
+        When it is locked or can't be reached.
     """
     import optuna
     from sqlalchemy.engine import make_url
@@ -395,9 +453,33 @@ def open_study(
     url: str,
     timeout: float = TIMEOUT,
 ) -> optuna.Study:
-    """The study in its storage, new or resumed, with interrupted trials queued to run again.
+    """Open the study in its storage, new or resumed, with interrupted trials queued to run again.
 
-    Raises InputError, showing the difference, when the storage holds a study of this name with another definition.
+    Parameters
+    ----------
+    storage : optuna.storages.BaseStorage
+        The storage.
+    study : Study
+        The study.
+    definition : Mapping[str, Any]
+        All that decides its trials.
+    out : Path
+        The study's folder.
+    url : str
+        Of the storage.
+    timeout : float, s, optional
+        How long a locked SQLite file is waited for.
+
+    Returns
+    -------
+    optuna.Study
+        Optuna's study.
+
+    Raises
+    ------
+    InputError
+        When the storage holds a study of this name with another definition; shows the
+        difference.
     """
     import optuna
 
@@ -433,7 +515,25 @@ def open_study(
 
 
 def trials_of(kept: optuna.Study, url: str) -> list[FrozenTrial]:
-    """All trials of a study. Raises InputError where a value is no number: SQLite keeps text as well, and Optuna hands it on."""
+    """Read all trials of a study.
+
+    Parameters
+    ----------
+    kept : optuna.Study
+        The study.
+    url : str
+        Of its storage.
+
+    Returns
+    -------
+    list of FrozenTrial
+        The trials.
+
+    Raises
+    ------
+    InputError
+        Where a value is no number: SQLite keeps text as well, and Optuna hands it on.
+    """
     trials = kept.get_trials(deepcopy=False)
     for trial in trials:
         if not all(isinstance(value, float) for value in trial.values or ()):
@@ -442,7 +542,20 @@ def trials_of(kept: optuna.Study, url: str) -> list[FrozenTrial]:
 
 
 def must_exist(url: str, out: Path) -> None:
-    """Raises InputError where the designs of a folder have lost their SQLite file, or `url` names none."""
+    """Check that the designs of a folder have not lost their SQLite file, and that a URL names one that exists.
+
+    Parameters
+    ----------
+    url : str
+        Of the storage.
+    out : Path
+        The study's folder.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing.
+    """
     from sqlalchemy.engine import make_url
     from sqlalchemy.exc import ArgumentError
 
@@ -466,7 +579,28 @@ def must_hold(
     url: str,
     timeout: float = TIMEOUT,
 ) -> None:
-    """Raises InputError unless the designs that a folder holds (their parameters by number of the trial) are of trials of this storage."""
+    """Check that the designs that a folder holds are of trials of this storage.
+
+    Parameters
+    ----------
+    storage : optuna.storages.BaseStorage
+        The storage.
+    name : str
+        Of the study.
+    held : Mapping[int, Any]
+        Parameters of the designs by the trials' numbers.
+    out : Path
+        The study's folder.
+    url : str
+        Of the storage.
+    timeout : float, s, optional
+        How long a locked SQLite file is waited for.
+
+    Raises
+    ------
+    InputError
+        Where they are not.
+    """
     import optuna
 
     with storage_faults(url, timeout):
@@ -502,9 +636,19 @@ def _without_trials(out: Path, found: str) -> InputError:
 
 
 def claim_folder(out: Path, name: str) -> None:
-    """Makes the results folder this study's, whatever database its trials are in: two studies in one would mix their pictures.
+    """Make the results folder this study's, whatever database its trials are in: two studies in one would mix their pictures.
 
-    Raises InputError when it is another study's, or a run's.
+    Parameters
+    ----------
+    out : Path
+        The folder.
+    name : str
+        Of the study.
+
+    Raises
+    ------
+    InputError
+        When it is another study's, or a run's.
     """
     if holds_run(out):
         rule = "a study has a folder of its own: its designs would mix with the run's result"

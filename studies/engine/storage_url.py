@@ -27,9 +27,24 @@ _IN_QUERY = re.compile(
 
 
 def storage_url(out: Path | None, url: str | None) -> str:
-    """The storage's URL: as given, or OUT/study.db. Raises InputError if it is not a URL.
+    """Find the storage's URL. postgresql://... is served by psycopg, version 3, unless the URL names another driver.
 
-    postgresql://... is served by psycopg, version 3, unless the URL names another driver.
+    Parameters
+    ----------
+    out : Path or None
+        The study's folder, or None.
+    url : str or None
+        As it is given, or None.
+
+    Returns
+    -------
+    str
+        As given, or that of OUT/study.db.
+
+    Raises
+    ------
+    InputError
+        If it is not a URL.
     """
     if url is None:
         return f"sqlite:///{((out or Path()) / DATABASE).resolve()}"
@@ -66,9 +81,26 @@ def storage_url(out: Path | None, url: str | None) -> str:
 
 
 def known_url(saved: str, option: str | None, environment: Mapping[str, str]) -> str | None:
-    """The storage of a saved study: by --storage, or as its report says, or by MAGMPM_STORAGE where that hides a password; None: unknown.
+    """Find the storage of a saved study.
 
-    Raises InputError for a password on the command line, and for what is no URL.
+    Parameters
+    ----------
+    saved : str
+        As its report says.
+    option : str or None
+        Of --storage, or None.
+    environment : Mapping[str, str]
+        Has MAGMPM_STORAGE where the report hides a password.
+
+    Returns
+    -------
+    str or None
+        The URL; None: unknown.
+
+    Raises
+    ------
+    InputError
+        For a password on the command line, and for what is no URL.
     """
     given = given_url(option, {})
     if given is None and HIDDEN in saved:
@@ -79,7 +111,25 @@ def known_url(saved: str, option: str | None, environment: Mapping[str, str]) ->
 
 
 def given_url(option: str | None, environment: Mapping[str, str]) -> str | None:
-    """The storage that a command is given: by --storage, or by MAGMPM_STORAGE. Raises InputError for a password on the command line."""
+    """Find the storage that a command is given.
+
+    Parameters
+    ----------
+    option : str or None
+        Of --storage, or None.
+    environment : Mapping[str, str]
+        May have MAGMPM_STORAGE.
+
+    Returns
+    -------
+    str or None
+        The URL, or None.
+
+    Raises
+    ------
+    InputError
+        For a password on the command line.
+    """
     if option is not None and passwords(option):
         rule = "everybody on this machine can read a command line, and with it the password (ps)"
         remedy = (
@@ -91,7 +141,18 @@ def given_url(option: str | None, environment: Mapping[str, str]) -> str | None:
 
 
 def passwords(url: str) -> list[str]:
-    """The passwords in a URL, as they stand there."""
+    """Find the passwords in a URL, as they stand there.
+
+    Parameters
+    ----------
+    url : str
+        The URL.
+
+    Returns
+    -------
+    list of str
+        The passwords.
+    """
     found = [
         match["password"]
         for match in (_IN_FRONT.match(url), *_IN_QUERY.finditer(url))
@@ -101,13 +162,37 @@ def passwords(url: str) -> list[str]:
 
 
 def shown_url(url: str) -> str:
-    """The URL without its passwords, for messages and reports."""
+    """Write a URL without its passwords, for messages and reports.
+
+    Parameters
+    ----------
+    url : str
+        The URL.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     front = _IN_FRONT.sub(lambda match: f"{match['before']}{HIDDEN}@", url, count=1)
     return _IN_QUERY.sub(lambda match: match["before"] + HIDDEN, front)
 
 
 def without_passwords(text: str, url: str) -> str:
-    """A text, such as a driver's message, in which the passwords of a URL do not stand."""
+    """Take the passwords of a URL out of a text, such as a driver's message.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    url : str
+        The URL.
+
+    Returns
+    -------
+    str
+        The text without them.
+    """
     for password in passwords(url):
         for form in {password, unquote(password)}:
             text = text.replace(form, HIDDEN)
@@ -115,12 +200,34 @@ def without_passwords(text: str, url: str) -> str:
 
 
 def is_server(url: str) -> bool:
-    """True if a storage is a server, which may be away for a while, and which other machines may use as well."""
+    """Tell whether a storage is a server, which may be away for a while, and which other machines may use as well.
+
+    Parameters
+    ----------
+    url : str
+        Of the storage.
+
+    Returns
+    -------
+    bool
+        True if it is.
+    """
     return not url.startswith("sqlite")
 
 
 def sqlite_file(url: str) -> Path | None:
-    """The file of an SQLite database; None for another one."""
+    """Find the file of an SQLite database.
+
+    Parameters
+    ----------
+    url : str
+        Of the storage.
+
+    Returns
+    -------
+    Path or None
+        The file; None for another database.
+    """
     if is_server(url):
         return None
     from sqlalchemy.engine import make_url
@@ -129,7 +236,25 @@ def sqlite_file(url: str) -> Path | None:
 
 
 def grpc_address(url: str) -> tuple[str, int]:
-    """Host and port of grpc://HOST:PORT. Raises InputError."""
+    """Read the address grpc://HOST:PORT.
+
+    Parameters
+    ----------
+    url : str
+        The address.
+
+    Returns
+    -------
+    host : str
+        The host.
+    port : int
+        The port.
+
+    Raises
+    ------
+    InputError
+        For another address.
+    """
     match = re.fullmatch(
         r"grpc://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+)(?::(?P<port>[0-9]{1,5}))?/?", url
     )
@@ -141,14 +266,38 @@ def grpc_address(url: str) -> tuple[str, int]:
 
 
 def in_memory(parts: URL) -> bool:
-    """True if SQLite holds this database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it."""
+    """Tell whether SQLite holds a database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it.
+
+    Parameters
+    ----------
+    parts : URL
+        The URL, parsed.
+
+    Returns
+    -------
+    bool
+        True if it does.
+    """
     name = parts.database or ""
     options = (parts.query.get("mode") == "memory", parts.query.get("vfs") == "memdb")
     return name in ("", ":memory:", "file:") or name.startswith("file::memory:") or any(options)
 
 
 def refuse_memory(parts: URL, url: str) -> None:
-    """Raises InputError for a database that would not outlive its process."""
+    """Refuse a database that would not outlive its process.
+
+    Parameters
+    ----------
+    parts : URL
+        The URL, parsed.
+    url : str
+        The URL, for messages.
+
+    Raises
+    ------
+    InputError
+        For such a database.
+    """
     if parts.get_backend_name() == "sqlite" and in_memory(parts):
         rule = "a database in memory is lost with its process, and all trials with it"
         raise InputError(

@@ -39,7 +39,20 @@ STARTS = "starts"  # attribute of a study: the rod's designs
 
 
 def as_begun(study: Study, storage: BaseStorage) -> Study:
-    """A study whose file names no sampler, with the one by which the storage's study of its name was begun, if there is one."""
+    """Give a study whose file names no sampler the one by which it was begun, if it was.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    storage : BaseStorage
+        Where it may stand.
+
+    Returns
+    -------
+    Study
+        The study.
+    """
     if study.why_sampler is None or study.name not in optuna.get_all_study_names(storage):
         return study
     kept = optuna.load_study(study_name=study.name, storage=storage).user_attrs.get(
@@ -52,7 +65,21 @@ def as_begun(study: Study, storage: BaseStorage) -> Study:
 
 
 class StudySession:
-    """A study and what is known of it."""
+    """A study and what is known of it.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        Evaluates its designs.
+    out : Path
+        The study's folder.
+    store : Store
+        Its storage.
+    on_open : callable or None
+        As of run_study.
+    note : Note, default silent
+        Told in words what is being done between trials.
+    """
 
     def __init__(
         self,
@@ -91,7 +118,13 @@ class StudySession:
         return open_study(storage, self.study, definition, self.out, url, self.store.timeout)
 
     def finished(self) -> list[FrozenTrial]:
-        """Finished trials in order."""
+        """Read the finished trials.
+
+        Returns
+        -------
+        list of FrozenTrial
+            In order.
+        """
         found = self.store(
             lambda: list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)))
         )
@@ -100,7 +133,18 @@ class StudySession:
         return found
 
     def saved_elsewhere(self, error: MagmpmError) -> MagmpmError:
-        """Return what is to be said where the database is lost: the trials that this session knows are saved in another one."""
+        """Save the trials that this session knows in another database, where theirs is lost.
+
+        Parameters
+        ----------
+        error : MagmpmError
+            What was raised.
+
+        Returns
+        -------
+        MagmpmError
+            What is to be said.
+        """
         attributes: dict[str, Any] = {STARTS: self.starts} if self.starts else {}
 
         def make(store: Store) -> optuna.Study:
@@ -112,7 +156,13 @@ class StudySession:
         return error if self.memory is None else self.memory.told(error, make)
 
     def rod_starts(self) -> list[dict[str, float]]:
-        """The rod's best designs, if this study begins with them. They are found once and kept with the study."""
+        """Find the rod's best designs, if this study begins with them. They are found once and kept with the study.
+
+        Returns
+        -------
+        list of dict[str, float]
+            Parameters, best first.
+        """
         if self.study.sampler != "gauss-newton" and self.study.start is None:
             return []
         known = self.store(lambda: self.kept.user_attrs)
@@ -167,7 +217,20 @@ class StudySession:
                 shutil.rmtree(folder)  # a picture less, where it would stop all of them
 
     def saved(self, trial: FrozenTrial, folder: Path) -> bool:
-        """Return whether a folder holds the result of a trial, which is solved again if it does not."""
+        """Save the result of a trial in a folder, unless it is there; the trial is solved again for that.
+
+        Parameters
+        ----------
+        trial : FrozenTrial
+            The trial.
+        folder : Path
+            The folder.
+
+        Returns
+        -------
+        bool
+            True if the folder holds it.
+        """
         if not records.holds(folder, trial):
             try:
                 result = self.evaluator.evaluation.last_result(self.evaluator.solve, trial.params)
@@ -184,7 +247,18 @@ class StudySession:
         return True
 
     def report(self, ended: report.Ended) -> StudyReport:
-        """The study as it stands."""
+        """Report the study as it stands.
+
+        Parameters
+        ----------
+        ended : report.Ended
+            Why it is not running any more.
+
+        Returns
+        -------
+        StudyReport
+            The report.
+        """
         trials = self.finished()
         chosen = report.best_trial(trials)
         stop = self.study.stop_rms
@@ -233,9 +307,26 @@ class StudySession:
 
 
 def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
-    """Solve a trial again and compare: number, params, rms_m stored and again, and whether the bits agree.
+    """Solve a trial again and compare.
 
-    Raises InputError where the storage has no such trial, or none that is finished.
+    Parameters
+    ----------
+    evaluator : Evaluator
+        Evaluates designs of its study.
+    store : Store
+        The study's storage.
+    number : int
+        Of the trial.
+
+    Returns
+    -------
+    dict[str, Any]
+        number, params, rms_m stored and again, and whether the bits agree.
+
+    Raises
+    ------
+    InputError
+        Where the storage has no such trial, or none that is finished.
     """
     must_exist(store.url, evaluator.out)
     storage = store.open()

@@ -45,7 +45,19 @@ SHOWN = {
 
 @dataclass(frozen=True)
 class Constant:
-    """One number of a scene. start: its value there, SI; of a direction and of a stray field the change, so 0."""
+    """One number of a scene that a fit may change. It works in numbers x without unit (see the module).
+
+    Attributes
+    ----------
+    variable : Variable
+        Which number it is.
+    start : float, SI
+        Its value in the scene; of a direction and of a stray field the change, so 0.
+    shown : tuple[float, str]
+        How many of the unit in which people read it are an SI one, and that unit.
+    known : float or None
+        Standard deviation, in x, of what is known beforehand; None: nothing.
+    """
 
     variable: Variable
     start: float
@@ -78,13 +90,35 @@ class Constant:
         return self.kind not in ("magnetization", "field")
 
     def value(self, x: float) -> float:
-        """SI, of the number x."""
+        """Find the value of a number x.
+
+        Parameters
+        ----------
+        x : float, no unit
+            The number.
+
+        Returns
+        -------
+        float, SI
+            The value.
+        """
         if self.relative:
             return self.start * math.exp(x)
         return x if self.kind == "magnetization" else x * _MILLITESLA
 
     def slope(self, x: float) -> float:
-        """d(value)/dx, SI."""
+        """Find the derivative of the value.
+
+        Parameters
+        ----------
+        x : float, no unit
+            Where it is taken.
+
+        Returns
+        -------
+        float, SI
+            d(value)/dx.
+        """
         return (
             self.value(x)
             if self.relative
@@ -92,16 +126,43 @@ class Constant:
         )
 
     def number(self, value: float) -> float:
-        """x of a value, SI."""
+        """Find the number x of a value.
+
+        Parameters
+        ----------
+        value : float, SI
+            The value.
+
+        Returns
+        -------
+        float, no unit
+            The number.
+        """
         if self.relative:
             return math.log(value / self.start)
         return value if self.kind == "magnetization" else value / _MILLITESLA
 
 
 def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constant, ...]:
-    """The constants of these kinds or names that a scene has. None: shear moduli, remanences, and in motion the losses that it names.
+    """Find the constants that a scene has.
 
-    Raises InputError for a name that is not known, or of which the scene has none.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    of : sequence of str, optional
+        Their kinds or names; shear moduli, remanences, and in motion the losses that it names
+        unless given.
+
+    Returns
+    -------
+    tuple of Constant
+        The constants.
+
+    Raises
+    ------
+    InputError
+        For a name that is not known, or of which the scene has none.
     """
     moving = scene.solver.dynamic is not None
     if of is None:
@@ -221,12 +282,41 @@ def _started(scene: Scene, found: Sequence[Variable]) -> list[Constant]:
 
 
 def diameter_of(scene: Scene) -> list[Constant]:
-    """A catheter's diameter as a constant; none of other bodies."""
+    """Find a catheter's diameter as a constant.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    list of Constant
+        The constant; none of other bodies.
+    """
     return [] if scene.body.catheter is None else _started(scene, variables(scene, [GEOMETRY]))
 
 
 def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[Constant, ...]:
-    """The constants, with what is known of some: relative standard deviations by name. Raises InputError."""
+    """Add to constants what is known of them beforehand.
+
+    Parameters
+    ----------
+    constants : sequence of Constant
+        The constants.
+    known : dict[str, float], no unit
+        Relative standard deviations by name or kind.
+
+    Returns
+    -------
+    tuple of Constant
+        The constants with it.
+
+    Raises
+    ------
+    InputError
+        For a name of none of them, or a number that can't be.
+    """
     for name in known:
         chosen = [
             constant
@@ -248,9 +338,29 @@ def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[
 
 
 def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
-    """The scene with the constants at x. Raises InputError where a value leaves what a scene allows.
+    """Make the scene with the constants at x.
 
-    A direction d with tangents t, u (scene.variables) turns by two numbers a, e: cos e (cos a d + sin a t) + sin e u.
+    A direction d with tangents t, u (scene.variables) turns by two numbers a, e: cos e (cos a d +
+    sin a t) + sin e u.
+
+    Parameters
+    ----------
+    scene : Scene
+        The one that the fit began with.
+    constants : sequence of Constant
+        The k constants.
+    x : array (k,), no unit
+        Their numbers.
+
+    Returns
+    -------
+    Scene
+        The other scene.
+
+    Raises
+    ------
+    InputError
+        Where a value leaves what a scene allows.
     """
     values: dict[Place, Any] = {}
     for constant, number in zip(constants, x.tolist(), strict=True):
@@ -268,7 +378,20 @@ def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
 
 
 def places_of(scene: Scene, constants: Sequence[Constant]) -> list[Place]:
-    """The places of a scene that the constants change."""
+    """Find the places of a scene that the constants change.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    constants : sequence of Constant
+        The constants.
+
+    Returns
+    -------
+    list of Place
+        The places.
+    """
     found = dict.fromkeys(constant.variable.place for constant in constants)
     if any(c.kind == "length" and c.variable.region is not None for c in constants):
         found |= dict.fromkeys(of_lengths(scene, segment_lengths(scene)))
@@ -291,9 +414,24 @@ def _turned(scene: Scene, constants: Sequence[Constant], x: Array) -> Iterator[t
 def chain(
     scene: Scene, constants: Sequence[Constant], x: Array, there: Sequence[Variable]
 ) -> Array:
-    """Derivatives of the variables (q,) of the scene at x, as `sensitivities` has them, by x: (q, k), SI per unit of x.
+    """Find the derivatives of a scene's variables by x.
 
-    scene: the one that the fit began with; there: the variables of applied(scene, constants, x), by the same names.
+    Parameters
+    ----------
+    scene : Scene
+        The one that the fit began with.
+    constants : sequence of Constant
+        The k constants.
+    x : array (k,), no unit
+        Their numbers.
+    there : sequence of Variable
+        The q variables of applied(scene, constants, x), by the same names, as `sensitivities`
+        has them.
+
+    Returns
+    -------
+    array (q, k), SI per unit of x
+        The derivatives.
     """
     place = {variable.name: i for i, variable in enumerate(there)}
     out = np.zeros((len(there), len(constants)))

@@ -25,7 +25,22 @@ WIDEST = (
 class Refused(InputError):
     """Measurements that can't distinguish the constants.
 
-    together: names of the constants that only a combination of is known; known: what the data do say; advice: measurements that would tell.
+    Parameters
+    ----------
+    place : str
+        What is wrong.
+    rule : str
+        What must hold.
+    remedy : str
+        What to do.
+    received : str, optional
+        What was received.
+    together : sequence of str, default ()
+        Names of the constants of which only a combination is known.
+    known : sequence of str, default ()
+        What the data do say.
+    advice : sequence of str, default ()
+        Measurements that would tell.
     """
 
     def __init__(
@@ -56,9 +71,31 @@ def check_identifiable(
     *,
     differences: bool,
 ) -> None:
-    """Raises Refused where a combination of constants moves no measured number by more than its error.
+    """Refuse measurements where a combination of constants moves no measured number by more than its error.
 
-    slopes: in standard errors per x; noise: standard deviation of a length, m; rms: of the residuals that are lengths, m.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    measured : Measurements
+        The measurements.
+    constants : sequence of Constant
+        The k constants.
+    slopes : array (n, k)
+        Of the residuals, in standard errors per x.
+    quantile : float
+        Half an interval, in standard errors.
+    noise : float, m
+        Standard deviation of a length.
+    rms : float, m
+        Of the residuals that are lengths.
+    differences : bool
+        Whether the slopes are differences of runs, and so less exact.
+
+    Raises
+    ------
+    Refused
+        Names the combination, and measurements that would tell.
     """
     _, values, right = np.linalg.svd(slopes, full_matrices=True)
     values = np.concatenate([values, np.zeros(len(right) - len(values))])
@@ -184,7 +221,28 @@ def measurements_that_tell(
     quantile: float,
     noise: float,
 ) -> list[str]:
-    """Measurements that would distinguish the constants together with those there are, best first, with the intervals they would give."""
+    """Find measurements that would distinguish the constants together with those there are.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    measured : Measurements
+        The measurements there are.
+    constants : sequence of Constant
+        The k constants.
+    slopes : array (n, k)
+        Of the residuals, in standard errors per x.
+    quantile : float
+        Half an interval, in standard errors.
+    noise : float, m
+        Standard deviation of a length.
+
+    Returns
+    -------
+    list of str
+        In words, best first, with the intervals that they would give.
+    """
     noise = max(noise, 1e-3 * scene.length)
     candidates = [*_shapes(scene, measured, constants, noise), *_numbers(constants)]
     rated = []
@@ -290,9 +348,23 @@ def refuse_twins(
     others: Sequence[LeastSquares],
     quantile: float,
 ) -> None:
-    """Raises Refused where another minimum explains the data about as well: its constants would be in the confidence region.
+    """Refuse measurements that another minimum explains about as well: its constants would be in the confidence region.
 
-    All in standard errors.
+    Parameters
+    ----------
+    constants : sequence of Constant
+        The constants.
+    best : LeastSquares
+        The best minimum, in standard errors.
+    others : sequence of LeastSquares
+        Other minima, in standard errors.
+    quantile : float
+        Half an interval, in standard errors.
+
+    Raises
+    ------
+    Refused
+        Names the constants of the other minimum.
     """
     for other in others:
         far = (

@@ -32,8 +32,24 @@ DOUBTED = 0.05
 
 @dataclass(frozen=True)
 class Suspect:
-    """Something taken as exact. probability: that chance explains as much; x (k + q,): the fit's constants and its own, with it freed where
-    it is doubted; errors (k,): standard errors of the former; degrees: of freedom, inf where the noise is given; spread: their variance.
+    """Something taken as exact, of q numbers, with the answer in which it is freed.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    constants : tuple of Constant
+        Of the fit, then its own.
+    probability : float
+        That chance explains as much.
+    x : array (k + q,), no unit
+        Numbers of the fit's constants and of its own, with it freed where it is doubted.
+    errors : array (k,), no unit
+        Standard errors of the fit's.
+    degrees : float
+        Of freedom; inf where the noise is given.
+    spread : float, no unit
+        Variance of the residuals that are left.
     """
 
     name: str
@@ -45,7 +61,13 @@ class Suspect:
     spread: float
 
     def warning(self) -> str:
-        """Warning about the suspect."""
+        """Warn of it.
+
+        Returns
+        -------
+        str
+            One sentence.
+        """
         both = zip(self.constants, self.x.tolist(), strict=True)
         parts = [
             f"{one.name} {one.shown[0] * one.value(number):.3g} {one.shown[1]}"
@@ -59,7 +81,20 @@ class Suspect:
         )
 
     def widened(self, intervals: Sequence[Interval], level: float) -> list[Interval]:
-        """The intervals (k) with those of the answer in which it is freed."""
+        """Widen intervals so that they hold those of the answer in which it is freed.
+
+        Parameters
+        ----------
+        intervals : sequence of Interval
+            Of the k constants.
+        level : float, no unit
+            Of the intervals.
+
+        Returns
+        -------
+        list of Interval
+            The wider ones.
+        """
         found = []
         halves = quantile_of(level, self.degrees) * self.errors
         for one, x, half in zip(intervals, self.x.tolist(), halves.tolist(), strict=False):
@@ -75,10 +110,28 @@ class Suspect:
 def suspects_of(
     prediction: Prediction, best: LeastSquares, weights: Array, degrees: int, known_noise: bool
 ) -> tuple[tuple[Suspect, ...], dict[str, dict[str, float]]]:
-    """Suspects that may not be exact, likeliest first; and by their kind the fraction by which each constant moves for a fraction of the
-    diameter, 1 mT or a radian: the most, in any direction of these and of any segment.
+    """Find what may not be exact, and how it would move the constants.
 
-    best: in standard errors; weights (n,): their inverses for what was measured.
+    Parameters
+    ----------
+    prediction : Prediction
+        Of the residuals.
+    best : LeastSquares
+        The minimum, in standard errors.
+    weights : array (n,)
+        Inverses of the standard errors of what was measured.
+    degrees : int
+        Of freedom.
+    known_noise : bool
+        Whether the noise is given.
+
+    Returns
+    -------
+    suspects : tuple of Suspect
+        Likeliest first.
+    moves : dict[str, dict[str, float]]
+        By kind of suspect and name of constant, the fraction by which that moves for a fraction
+        of the diameter, 1 mT or 1 rad: the most, in any direction of these and of any segment.
     """
     constants = prediction.constants
     k = len(prediction.constants)
@@ -151,7 +204,19 @@ def _chance(count: int, degrees: float, explained: float, spread: float) -> floa
 
 
 def doubted(suspects: Sequence[Suspect]) -> list[Suspect]:
-    """Suspects that chance does not do as well as, without those to which the likeliest is by as much to be preferred; likeliest first."""
+    """Find the suspects that explain the residuals better than chance does, without those to which the likeliest is by as much to be
+    preferred.
+
+    Parameters
+    ----------
+    suspects : sequence of Suspect
+        Likeliest first.
+
+    Returns
+    -------
+    list of Suspect
+        Those that are doubted, likeliest first.
+    """
     return [
         one
         for one in suspects
@@ -210,7 +275,22 @@ def _groups(
 
 
 def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measurements) -> list[str]:
-    """A warning for residuals beyond what the noise explains."""
+    """Warn of residuals beyond what the noise explains.
+
+    Parameters
+    ----------
+    sizes : array (n,), no unit
+        Residuals in standard errors.
+    labels : sequence of Label
+        What each is of.
+    measured : Measurements
+        The measurements.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
+    """
     files = [f"{one.path.name}, " if measured.tables else "" for one in measured.each]
     odd = [
         f"{files[label.table]}line {label.line}, {label.what} ({size:+.1f})"
@@ -227,9 +307,23 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measurements) 
 
 
 def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measurements) -> list[str]:
-    """A warning where one table's lengths are off by twice another's, in standard errors: then their weights are wrong.
+    """Warn where one table's lengths are off by twice another's, in standard errors: then their weights are wrong.
 
     Of ten numbers each, that happens by chance to 4 % of pairs.
+
+    Parameters
+    ----------
+    sizes : array (n,), no unit
+        Residuals in standard errors.
+    labels : sequence of Label
+        What each is of.
+    measured : Measurements
+        The measurements.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
     """
     parts = [
         np.array(

@@ -30,9 +30,22 @@ STEP = 0.01  # of x, for the central differences of motions: 1 % of a modulus
 
 @dataclass(frozen=True)
 class Label:
-    """Origin of a residual: line of the table, what it measures, whether it is an angle (rad, else m); which table of several.
+    """Origin of a residual.
 
-    measured, simulated: the number, or of a curve the point and the foot on the curve, SI.
+    Attributes
+    ----------
+    line : int
+        Of the table.
+    what : str
+        It measures, in words.
+    angle : bool
+        Whether it is an angle (rad), or else a length (m).
+    measured : tuple of float, SI
+        The number, or of a curve the point.
+    simulated : tuple of float, SI
+        The number, or of a curve the foot on it.
+    table : int
+        Which of several it is in.
     """
 
     line: int
@@ -49,7 +62,19 @@ class Label:
 
 @dataclass(frozen=True)
 class Axis:
-    """A body's shape and its derivatives by k numbers: rows [s, x, y, z] (n, 4) m (none for parts), tip (3,) m, and (n, 3, k), (3, k)."""
+    """Shape of a body, and its derivatives by k numbers.
+
+    Attributes
+    ----------
+    rows : array (n, 4), m
+        Rows [s, x, y, z]; none for parts.
+    tip : array (3,), m
+        The tip.
+    rows_change : array (n, 3, k), m per unit
+        Derivatives of the rows' x, y and z.
+    tip_change : array (3, k), m per unit
+        Derivatives of the tip.
+    """
 
     rows: Array
     tip: Array
@@ -58,11 +83,41 @@ class Axis:
 
     @classmethod
     def alone(cls, rows: Array, tip: Array) -> Axis:
-        """A shape without derivatives."""
+        """Make a shape without derivatives.
+
+        Parameters
+        ----------
+        rows : array (n, 4), m
+            Rows [s, x, y, z].
+        tip : array (3,), m
+            The tip.
+
+        Returns
+        -------
+        Axis
+            The shape.
+        """
         return cls(rows, tip, np.zeros((len(rows), 3, 0)), np.zeros((3, 0)))
 
     def at(self, s: Array) -> tuple[Array, Array, Array, Array]:
-        """The body at arc lengths s (m,): places (m, 3), their changes (m, 3, k), slopes (m, 3) and their changes (m, 3, k)."""
+        """Find the body at arc lengths.
+
+        Parameters
+        ----------
+        s : array (m,), m
+            Arc lengths.
+
+        Returns
+        -------
+        places : array (m, 3), m
+            Points of the axis.
+        moved : array (m, 3, k), m per unit
+            Their derivatives.
+        slopes : array (m, 3), no unit
+            Derivatives of the points by arc length.
+        turned : array (m, 3, k), 1 per unit
+            Derivatives of these.
+        """
         n, _, k = self.rows_change.shape
         places, slopes = on_rows(self.rows[:, 0], self.rows[:, 1:], s)
         moved, turned = on_rows(self.rows[:, 0], self.rows_change.reshape(n, 3 * k), s)
@@ -70,7 +125,24 @@ class Axis:
 
 
 def compare(shape: Axis, readings: Readings) -> tuple[Array, Array, list[Label]]:
-    """Residuals (r,) m or rad of one state, their derivatives (r, k), and where each comes from."""
+    """Compare a shape with the readings of one state.
+
+    Parameters
+    ----------
+    shape : Axis
+        The simulated shape.
+    readings : Readings
+        The measured one.
+
+    Returns
+    -------
+    residuals : array (r,), m or rad
+        Simulated minus measured.
+    slopes : array (r, k), per unit
+        Their derivatives.
+    labels : list of Label
+        What each is of.
+    """
     found = list((_along_curve if readings.kind == "curve" else _at_points)(shape, readings))
     residuals = np.array([each for each, _, _ in found])
     slopes = np.array([each for _, each, _ in found])
@@ -100,7 +172,23 @@ def _at_points(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array, 
 
 
 def tip_angle(shape: Axis, plane: int | None) -> tuple[float, Array]:
-    """Angle (rad) between the tip's tangent and +x, with a sign in the plane of x and the axis `plane`, and its derivatives (k,)."""
+    """Find the angle between the tip's tangent and +x, and its derivatives.
+
+    Parameters
+    ----------
+    shape : Axis
+        The shape.
+    plane : int or None
+        The axis, 1 or 2, that has the plane with x in which the angle has a sign; None: without
+        a sign.
+
+    Returns
+    -------
+    angle : float, rad
+        The angle.
+    slopes : array (k,), rad per unit
+        Its derivatives.
+    """
     _, _, slopes, turned = shape.at(shape.rows[-1:, 0])
     t = slopes[0]
     dt = turned[0]
@@ -172,8 +260,24 @@ def _normals(tangent: Array) -> list[Array]:
 
 @dataclass
 class Prediction:
-    """Residuals of all measurements for a scene with its constants at x. Keeps what it found, and what the last shapes add to
-    their rods (corrections), from which the next solves begin."""
+    """Residuals of all measurements for a scene with its constants at x.
+
+    It keeps what it found, and what the last shapes add to their rods (corrections), from which the
+    next solves begin.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the constants where the fit begins.
+    measured : Measurements
+        The measurements.
+    constants : tuple of Constant
+        The k constants.
+    solves : int
+        Number of simulations so far.
+    labels : list of Label
+        What each residual is of; known after `at`.
+    """
 
     scene: Scene
     measured: Measurements
@@ -219,9 +323,28 @@ class Prediction:
                     )
 
     def at(self, x: Array, *, slopes: bool = True) -> tuple[Array, Array]:
-        """Residuals (n,) m or rad, and their derivatives (n, k) per unit of x; without `slopes` they may be missing.
+        """Find the residuals and their derivatives.
 
-        Raises SolveError where a shape is not found, InputError where x leaves what a scene allows.
+        Parameters
+        ----------
+        x : array (k,), no unit
+            Numbers of the constants.
+        slopes : bool, default True
+            Whether the derivatives are needed; without, they may be missing.
+
+        Returns
+        -------
+        residuals : array (n,), m or rad
+            Simulated minus measured.
+        jacobian : array (n, k), m or rad per unit of x
+            Their derivatives.
+
+        Raises
+        ------
+        SolveError
+            Where a shape is not found.
+        InputError
+            Where x leaves what a scene allows.
         """
         found = self._found.get((x.tobytes(), True)) or self._found.get((x.tobytes(), slopes))
         if found is None:

@@ -24,8 +24,16 @@ MOST_SERIES = 9  # in the picture
 
 @dataclass(frozen=True)
 class HeldOut:
-    """`found`: the fit with the held-out readings in place of its own. of_constants (n,): standard errors of the prediction, m or rad, that
-    come from the constants' errors; half (n,): half the interval, at the fit's level, in which a reading is expected.
+    """Prediction of readings that a fit did not see.
+
+    Attributes
+    ----------
+    found : Fit
+        The fit, with the held-out readings in place of its own.
+    of_constants : array (n,), m or rad
+        Standard errors of the prediction that come from the constants' errors.
+    half : array (n,), m or rad
+        Half the interval, at the fit's level, in which a reading is expected.
     """
 
     found: Fit
@@ -38,7 +46,13 @@ class HeldOut:
         return float(np.mean(np.abs(self.found.residuals) <= self.half))
 
     def summary(self) -> dict[str, Any]:
-        """Everything as plain data, SI."""
+        """Write it as plain data.
+
+        Returns
+        -------
+        dict[str, Any]
+            Values in SI.
+        """
         rows = zip(
             self.found.labels, self.found.residuals.tolist(), self.half.tolist(), strict=True
         )
@@ -63,7 +77,13 @@ class HeldOut:
         }
 
     def text(self) -> str:
-        """One line for people."""
+        """Write it for people.
+
+        Returns
+        -------
+        str
+            One line.
+        """
         angles = any(label.angle for label in self.found.labels)
         sizes = [f"{1e3 * self.found.rms_m:.3g} mm"] * (not self.found.measured.angles_alone)
         sizes += [f"{math.degrees(self.found.rms_rad):.3g} deg"] * angles
@@ -76,9 +96,24 @@ class HeldOut:
 
 
 def predict_held_out(found: Fit, measured: Measurements) -> HeldOut:
-    """Predict readings that the fit did not see. To first order in the constants' errors; a reading has the fit's noise as well.
+    """Predict readings that the fit did not see, to first order in the constants' errors; a reading has the fit's noise as well.
 
-    Raises SolveError where no equilibrium is found.
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+    measured : Measurements
+        The readings.
+
+    Returns
+    -------
+    HeldOut
+        The prediction.
+
+    Raises
+    ------
+    SolveError
+        Where no equilibrium is found.
     """
     prediction = Prediction(found.scene, measured, tuple(one.constant for one in found.constants))
     residuals, slopes = prediction.at(found.x)
@@ -110,7 +145,18 @@ def predict_held_out(found: Fit, measured: Measurements) -> HeldOut:
 
 
 def summary(found: Fit) -> dict[str, Any]:
-    """Everything as plain data, SI."""
+    """Write a fit as plain data.
+
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values in SI.
+    """
     both = zip(found.residuals.tolist(), found.labels, strict=True)
     return {
         "name": found.scene.name,
@@ -171,7 +217,18 @@ def _entry(one: Fitted) -> dict[str, Any]:
 
 
 def text(found: Fit) -> str:
-    """The table for people."""
+    """Write a fit as a table for people.
+
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     sizes = len(found.measured.states)
     head = (
         f"{found.scene.name}: {len(found.residuals)} numbers of {sizes} state{'s' * (sizes != 1)},"
@@ -250,8 +307,21 @@ def _method(found: Fit) -> str:
 
 
 def residuals_table(found: Fit, half: Array | None = None) -> str:
-    """The residuals as CSV: line of the measured file, what, simulated minus measured, in standard errors; of several tables, which; of
-    readings held out, the prediction and half its interval (n,)."""
+    """Write the residuals as CSV: line of the measured file, what, simulated minus measured, in standard errors; of several tables, which.
+
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+    half : array (n,), m or rad, optional
+        Half the interval in which each reading is expected, of readings held out: then the
+        prediction and this stand there as well.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     several = bool(found.measured.tables)
     rows = [
         "line,what,residual,unit,standard_errors"
@@ -268,7 +338,22 @@ def residuals_table(found: Fit, half: Array | None = None) -> str:
 
 
 def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
-    """The scene's file with the fitted constants, its paths relative to `folder`, and what they are in comments."""
+    """Write the scene's file with the fitted constants, and in comments what they are.
+
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+    source : Path
+        The scene's file.
+    folder : Path
+        Where the text will stand: its paths are relative to this.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     content = moved_content(source, folder)
     constants = [one.constant for one in found.constants]
     there = applied(found.scene, constants, found.x)
@@ -291,9 +376,22 @@ def _short(value: Any) -> Any:
 
 
 def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:
-    """Content of the picture (viz.fit_plot): a panel for each table, then those of what was held out, and residuals.
+    """Collect the content of the picture (viz.fit_plot): a panel for each table, then those of what was held out, and residuals.
 
-    A panel: series of measured and simulated numbers over what was changed; half: of the intervals in which held-out ones are expected.
+    A panel has series of measured and simulated numbers over what was changed, and of held-out ones
+    half the interval in which they are expected.
+
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+    held : HeldOut, optional
+        What was held out.
+
+    Returns
+    -------
+    dict[str, Any]
+        Plain data.
     """
     several = bool(found.measured.tables) or held is not None
     both = [found] if held is None else [found, held.found]

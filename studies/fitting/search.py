@@ -214,15 +214,47 @@ def fit(
     thorough: bool = True,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
-    """The constants of a scene that explain measurements best.
+    """Find the constants of a scene that explain measurements best.
 
-    vary: kinds or names of constants (studies.fitting.constants), None: shear moduli, remanences, and a motion's losses. noise: standard
-    deviation of each measured coordinate, m, one for all or one for each table, None: estimated from the residuals, one for all;
-    angle_noise: of angles, rad. known: relative standard deviations of constants that are known beforehand, by name or kind: the scene's
-    values count as measured that well. level: of the intervals. thorough: of equilibria, descents from further starts, what a finer grid
-    would change, and what the scene may lack.
-    Raises Refused where the measurements can't distinguish constants; InputError for what does not fit together; SolveError where no
-    equilibrium is found.
+    Parameters
+    ----------
+    measured : Measurements
+        The measurements.
+    scene : Scene
+        The scene; the fit begins with its values.
+    vary : sequence of str, optional
+        Kinds or names of constants (studies.fitting.constants); shear moduli, remanences, and a
+        motion's losses unless given.
+    noise : float or sequence of float, m, optional
+        Standard deviation of each measured coordinate, one for all or one for each table;
+        estimated from the residuals, one for all, unless given.
+    angle_noise : float, rad, optional
+        Standard deviation of each measured angle. It must be given where lengths are measured
+        as well; of angles alone it is estimated unless given.
+    known : Mapping[str, float], no unit, optional
+        Relative standard deviations of constants that are known beforehand, by name or kind:
+        the scene's values count as measured that well.
+    level : float, no unit, default 0.95
+        Of the intervals.
+    thorough : bool, default True
+        Of equilibria: descend from further starts, and find what a finer grid would change and
+        what the scene may lack.
+    on_progress : callable, optional
+        Told in words what is being done.
+
+    Returns
+    -------
+    Fit
+        The constants with their intervals.
+
+    Raises
+    ------
+    Refused
+        Where the measurements can't distinguish constants.
+    InputError
+        For what does not fit together.
+    SolveError
+        Where no equilibrium is found.
     """
     begun = time.perf_counter()
     scene = _on_one_grid(scene)
@@ -561,7 +593,20 @@ def _scatter(
 
 
 def doubtful_fields(measured: Measurements, scene: Scene) -> list[str]:
-    """Warn, before anything is solved, of fields of the table so far from the scene's own that a unit may be wrong."""
+    """Warn, before anything is solved, of fields of the table so far from the scene's own that a unit may be wrong.
+
+    Parameters
+    ----------
+    measured : Measurements
+        The measurements.
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
+    """
     own = max(map(abs, scene.field.uniform))
     largest = max(
         (abs(part) for state in measured.states for part in state.field or ()), default=0.0

@@ -20,7 +20,20 @@ Model = Callable[
 
 
 def quantile_of(level: float, degrees: float) -> float:
-    """Quantile of intervals at a level: Student's t, or the normal one where the noise is known (degrees of freedom: inf)."""
+    """Find half an interval in standard errors: Student's t, or the normal one where the noise is known.
+
+    Parameters
+    ----------
+    level : float, no unit
+        Of the interval.
+    degrees : float
+        Of freedom; inf where the noise is known.
+
+    Returns
+    -------
+    float, no unit
+        The quantile.
+    """
     from scipy.special import ndtri, stdtrit  # what scipy.stats calls, without its half second
 
     tail = 0.5 + level / 2
@@ -29,7 +42,21 @@ def quantile_of(level: float, degrees: float) -> float:
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """x (k,), residuals (n,) and their slopes (n, k) there; converged: whether the last step was small."""
+    """A minimum of a sum of squares.
+
+    Attributes
+    ----------
+    x : array (k,)
+        Where it is.
+    residuals : array (n,)
+        There.
+    slopes : array (n, k)
+        Their derivatives.
+    steps : int
+        How many led there.
+    converged : bool
+        Whether the last step was small.
+    """
 
     x: Array
     residuals: Array
@@ -52,11 +79,29 @@ def least_squares(
     small: float = 1e-3,
     known: Callable[[Array], bool] = lambda x: False,
 ) -> LeastSquares:
-    """The minimum of the sum of squares that a descent from `start` (k,) reaches; free (k,): which numbers may change.
+    """Find the minimum of a sum of squares that a descent reaches. A point where the model can't be solved counts as worse.
 
-    scale: standard deviation of the residuals, None: as they turn out; small: in units of it, a step below ends the search; known(x):
-    whether it has come to a minimum that is known, which ends it too. A point where the model can't be solved counts as worse. Raises what
-    the model raises at the start.
+    What the model raises at the start is passed on.
+
+    Parameters
+    ----------
+    model : Model
+        From x, and whether slopes are needed, to residuals (n,) and slopes (n, k).
+    start : array (k,)
+        Where it begins.
+    free : array (k,) of bool, optional
+        Which numbers may change; all unless given.
+    scale : float, optional
+        Standard deviation of the residuals; as they turn out unless given.
+    small : float, default 0.001
+        In units of the scale, a step below ends the search.
+    known : callable, default lambda x: False
+        Tells whether it has come to a minimum that is known, which ends it too.
+
+    Returns
+    -------
+    LeastSquares
+        The minimum.
     """
     x = np.array(start, dtype=float)
     free = np.ones(len(x), bool) if free is None else free
@@ -134,7 +179,17 @@ def _step(residuals: Array, slopes: Array, radius: float) -> Array:
 
 @dataclass(frozen=True)
 class Interval:
-    """Ends in x; None where the sum of squares does not rise enough. method: linear | profile."""
+    """Interval of a number x.
+
+    Attributes
+    ----------
+    low : float or None
+        Lower end; None where the sum of squares does not rise enough.
+    high : float or None
+        Upper end; None where it does not.
+    method : str
+        How it was found: linear or profile.
+    """
 
     low: float | None
     high: float | None
@@ -149,7 +204,28 @@ def interval_of(
     quantile: float,
     say: Callable[[], None],
 ) -> Interval:
-    """The interval of the number k, by the residuals in standard errors and the covariance (k, k) of x at the minimum."""
+    """Find the interval of a number.
+
+    Parameters
+    ----------
+    model : Model
+        Of the residuals in standard errors.
+    best : LeastSquares
+        The minimum.
+    covariance : array (k, k)
+        Of x at the minimum.
+    k : int
+        Which number.
+    quantile : float
+        Half an interval, in standard errors.
+    say : callable
+        Called where there is progress.
+
+    Returns
+    -------
+    Interval
+        The interval.
+    """
     error = float(np.sqrt(covariance[k, k]))
     along = covariance[:, k] / error**2  # how the others go along with x_k
     ends = []

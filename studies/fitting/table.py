@@ -71,12 +71,32 @@ _State = tuple[tuple[float, float, float] | None, float | None, Apparatus]
 
 @dataclass(frozen=True)
 class Readings:
-    """The rows of one state of the body: one field, or one moment. SI.
+    """The rows of one state of the body: one field, or one moment.
 
-    field (3,) T, None: the scene's own; time s, None of an equilibrium. lines (m,) of the file; s (m,) m, NaN at the tip and along a curve;
-    points (m, 3) m and angles (m,) rad, NaN where not measured; angles are those of the tip's tangent to the base's axis, +x, with a sign
-    in the plane of x and the axis `plane`. kind: of the table, tips | places | curve; axes: coordinates that its points have; table: which
-    of several it is of; apparatus: magnet, currents and inserted length.
+    Attributes
+    ----------
+    field : tuple of float (3,), T, or None
+        The uniform field; None: the scene's own.
+    time : float, s, or None
+        The moment; None of an equilibrium.
+    lines : array (m,) of int
+        Of the file.
+    s : array (m,), m
+        Arc lengths; NaN at the tip and along a curve.
+    points : array (m, 3), m
+        What was measured; NaN where it was not.
+    angles : array (m,), rad
+        Of the tip's tangent to the base's axis, +x; NaN where not measured.
+    kind : {'tips', 'places', 'curve'}
+        Of the table.
+    axes : tuple of int
+        Coordinates that its points have.
+    table : int
+        Which of several it is of.
+    apparatus : Apparatus
+        Magnet, currents and inserted length.
+    plane : int or None
+        The axis that has the plane with x in which the angles have a sign.
     """
 
     field: tuple[float, float, float] | None
@@ -101,7 +121,23 @@ class Readings:
 
 @dataclass(frozen=True)
 class Measurements:
-    """A table, or several of the same body: its states, and whether its points are tips, places (marked by s) or a curve without them."""
+    """A table, or several of the same body.
+
+    Attributes
+    ----------
+    path : Path
+        Of the file.
+    kind : {'tips', 'places', 'curve', 'several'}
+        Whether its points are tips, places (marked by s) or a curve without them.
+    states : tuple of Readings
+        Its rows, by state.
+    columns : tuple of str
+        Names of its columns.
+    axes : tuple of int
+        Coordinates that the points have.
+    tables : tuple of Measurements
+        Where there are several, each of them.
+    """
 
     path: Path
     kind: str  # tips | places | curve | several
@@ -152,7 +188,25 @@ class _Column:
 
 
 def read_tables(paths: Sequence[Path | str], scene: Scene) -> Measurements:
-    """The measurements in files, for a scene, to be explained together. Raises TableError, as read_measured."""
+    """Read the measurements in files, for a scene, to be explained together.
+
+    Parameters
+    ----------
+    paths : sequence of Path or str
+        The files.
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    Measurements
+        The measurements.
+
+    Raises
+    ------
+    TableError
+        As read_measured.
+    """
     known: dict[Path, Path | str] = {}
     for path in paths:
         if known.setdefault(Path(path).resolve(), path) is not path:
@@ -166,7 +220,18 @@ def read_tables(paths: Sequence[Path | str], scene: Scene) -> Measurements:
 
 
 def together(tables: Sequence[Measurements]) -> Measurements:
-    """Several tables of the same body as one."""
+    """Join several tables of the same body.
+
+    Parameters
+    ----------
+    tables : sequence of Measurements
+        The tables.
+
+    Returns
+    -------
+    Measurements
+        All of them; of one table itself.
+    """
     if len(tables) == 1:
         return tables[0]
     own = tuple(
@@ -280,9 +345,27 @@ def _as_number(cell: str) -> set[float]:
 def read_measured(
     path: Path | str, scene: Scene, keep: Callable[[dict[str, str]], bool] | None = None
 ) -> Measurements:
-    """The measurements in a file, for a scene; `keep` says of which rows, by their cells. Without any, it has no states.
+    """Read the measurements in a file, for a scene.
 
-    Raises TableError, which names file, row, column, value, rule and remedy.
+    Parameters
+    ----------
+    path : Path or str
+        The file.
+    scene : Scene
+        The scene.
+    keep : callable, optional
+        Tells of a row, by its cells, whether it is read. Where none is, the answer has no
+        states.
+
+    Returns
+    -------
+    Measurements
+        The measurements.
+
+    Raises
+    ------
+    TableError
+        Names file, row, column, value, rule and remedy.
     """
     path = Path(path)
     lines = table_lines(path, _START)

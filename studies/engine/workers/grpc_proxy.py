@@ -20,7 +20,18 @@ from magmpm.studies.engine.storage_url import GRPC_PORT, VARIABLE, given_url, sh
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve until SIGTERM or Ctrl-C. Returns the exit status."""
+    """Serve until SIGTERM or Ctrl-C.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Of the command line; those of this process unless given.
+
+    Returns
+    -------
+    int
+        The exit status.
+    """
     parser = argparse.ArgumentParser(
         prog="python -m magmpm.studies.engine.workers.grpc_proxy",
         description=__doc__,

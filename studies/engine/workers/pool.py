@@ -27,7 +27,15 @@ class WorkersError(MagmpmError):
 
 
 class Pool:
-    """Worker processes; a context manager that ends them."""
+    """Worker processes; a context manager that ends them. They are started at once, and not waited for.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        Evaluates designs.
+    workers : int
+        Number of processes.
+    """
 
     def __init__(self, evaluator: Evaluator, workers: int) -> None:
         """Starts them, and does not wait for them."""
@@ -49,15 +57,36 @@ class Pool:
         return sum(worker.job is None for worker in self._workers)
 
     def begin(self, number: int, params: Mapping[str, Any]) -> None:
-        """Give a design to a process that is idle."""
+        """Give a design to a process that is idle.
+
+        Parameters
+        ----------
+        number : int
+            Of the trial.
+        params : Mapping[str, Any]
+            The design.
+        """
         worker = next(worker for worker in self._workers if worker.job is None)
         worker.job = (number, dict(params))
         worker.give(worker.job)
 
     def answers(self, patience: float) -> Iterator[tuple[int, Outcome | str]]:
-        """Number and outcome of designs that are done, after at most `patience`, s; or why the design ended its processes.
+        """Wait for designs that are done.
 
-        Raises WorkersError where processes do not start.
+        Parameters
+        ----------
+        patience : float, s
+            How long, at most.
+
+        Yields
+        ------
+        tuple of (int, Outcome or str)
+            Number of a trial and its outcome, or why the design ended its processes.
+
+        Raises
+        ------
+        WorkersError
+            Where processes do not start.
         """
         busy = [worker for worker in self._workers if worker.job is not None]
         if not busy:

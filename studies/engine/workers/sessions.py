@@ -63,10 +63,22 @@ SURPLUS = "one more than were asked for: another session had the last one alread
 class PerTrial(BaseSampler):
     """A study's sampler, made anew for each trial from the study's seed and the trial's number.
 
-    So a choice depends on seed, number and the trials that are there, and not on which process makes it. Where several sessions share a
-    study, each trial first waits until all with smaller numbers have their parameters: storages give out numbers one by one, so this orders
-    the choices, and each of them knows all designs that are being solved. Without that, two that ask at the same moment would choose alike.
-    make: the sampler of the trial with a number. starts: designs of the first trials, whatever the sampler would choose.
+    So a choice depends on seed, number and the trials that are there, and not on which process
+    makes it. Where several sessions share a study, each trial first waits until all with smaller
+    numbers have their parameters: storages give out numbers one by one, so this orders the choices,
+    and each of them knows all designs that are being solved. Without that, two that ask at the same
+    moment would choose alike.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the sampler of the trial with a number.
+    starts : sequence of Mapping[str, Any], default ()
+        Designs of the first trials, whatever the sampler would choose.
+    session : str, optional
+        Name of this session, which is stored with its trials.
+    wait : bool, default False
+        Whether other sessions share the study.
     """
 
     def __init__(
@@ -163,7 +175,19 @@ def _wait_for_smaller(
 
 
 class Session:
-    """This session of a study."""
+    """This session of a study.
+
+    Parameters
+    ----------
+    kept : optuna.Study
+        The study.
+    store : Store
+        Its storage.
+    out : Path
+        The study's folder.
+    shared : bool
+        Whether other sessions may work on the study at the same time.
+    """
 
     def __init__(self, kept: optuna.Study, store: Store, out: Path, shared: bool) -> None:
         """shared: other sessions may work on the study at the same time."""
@@ -199,7 +223,13 @@ class Session:
             self._beaten = time.monotonic()
 
     def sweep(self, mine: set[int]) -> None:
-        """Ends the trials of dead sessions and queues their designs again; mine: numbers of the trials that are being solved here."""
+        """End the trials of dead sessions and queue their designs again.
+
+        Parameters
+        ----------
+        mine : set[int]
+            Numbers of the trials that are being solved here.
+        """
         records = self.store(lambda: self.kept.user_attrs)
         running = self.store(
             lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
@@ -263,7 +293,13 @@ class Session:
             self._silence[who] = (beat, silent + passed if beat == last else 0.0)
 
     def put_back(self, trial_id: int) -> None:
-        """Lets `ask` take up a trial again, with the same number and parameters, unless it has ended. It is no session's until then."""
+        """Let `ask` take up a trial again, with the same number and parameters, unless it has ended. It is no session's until then.
+
+        Parameters
+        ----------
+        trial_id : int
+            Number of the trial in the storage.
+        """
 
         def back() -> None:
             with suppress(UpdateFinishedTrialError):
@@ -282,7 +318,13 @@ class Session:
                 self.put_back(trial_id(trial))
 
     def withdraw(self, trial_id: int) -> None:
-        """Ends a trial that nobody needs."""
+        """End a trial that nobody needs.
+
+        Parameters
+        ----------
+        trial_id : int
+            Number of the trial in the storage.
+        """
 
         def end() -> None:
             with suppress(UpdateFinishedTrialError):
@@ -374,7 +416,18 @@ def _runner(trial: FrozenTrial) -> str:
 
 
 def this_process(out: Path) -> dict[str, Any]:
-    """Identity of this process: its number means something on its own host alone, and there until the number is given to another."""
+    """Identify this process: its number means something on its own host alone, and there until the number is given to another.
+
+    Parameters
+    ----------
+    out : Path
+        The study's folder.
+
+    Returns
+    -------
+    dict[str, Any]
+        Host, number, time of its start, and folder.
+    """
     return {
         "host": here(),
         "pid": os.getpid(),
@@ -384,7 +437,13 @@ def this_process(out: Path) -> dict[str, Any]:
 
 
 def here() -> str:
-    """This machine, as far as numbers of processes go: in a container, they are its own."""
+    """Name this machine, as far as numbers of processes go: in a container, they are its own.
+
+    Returns
+    -------
+    str
+        The name.
+    """
     try:
         return f"{socket.gethostname()} {os.readlink('/proc/self/ns/pid')}"
     except OSError:
@@ -392,7 +451,22 @@ def here() -> str:
 
 
 def alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
-    """True if the process that last took up a study may still be running its trial, begun `age` seconds ago."""
+    """Tell whether the process that last took up a study may still be running its trial.
+
+    Parameters
+    ----------
+    owner : Mapping[str, Any]
+        Its identity, as of this_process.
+    out : Path
+        The study's folder.
+    age : float, s
+        How long ago the trial was begun.
+
+    Returns
+    -------
+    bool
+        True if it may.
+    """
     mine = this_process(out)
     if owner.get("host") not in (
         mine["host"],
@@ -430,7 +504,13 @@ def _age(trial: FrozenTrial) -> float:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits until this is done. Only the main thread gets it."""
+    """Let Ctrl-C wait until this is done. Only the main thread gets it.
+
+    Yields
+    ------
+    None
+        Nothing: it is a context.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -446,9 +526,16 @@ def uninterrupted() -> Iterator[None]:
 
 @contextmanager
 def remembered() -> Iterator[Callable[[], None]]:
-    """A function that raises a Ctrl-C again that was swallowed on its way: exceptions in destructors and weak references' callbacks are.
+    """Make a function that raises a Ctrl-C again that was swallowed on its way: exceptions in destructors and weak references' callbacks
+    are.
 
-    Libraries of databases have both. Only the main thread gets Ctrl-C, and a handler of somebody else's is left to do as it does.
+    Libraries of databases have both. Only the main thread gets Ctrl-C, and a handler of somebody
+    else's is left to do as it does.
+
+    Yields
+    ------
+    callable
+        The function, within the context.
     """
     before = signal.getsignal(signal.SIGINT)
     if (

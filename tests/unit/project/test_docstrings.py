@@ -27,8 +27,21 @@ ROOMS = (
     "magmpm.studies.search",
     "magmpm.studies.rods",
     "magmpm.studies.evaluate",
+    "magmpm.studies.engine",
+    "magmpm.studies.fitting",
     "magmpm.studies.hard_cases",
     "magmpm.studies.dashboard",
+    "magmpm.errors",
+    "magmpm.materials",
+    "magmpm.fields.external_field",
+    "magmpm.fields.schedule",
+    "magmpm.results.measures",
+    "magmpm.results.notices",
+    "magmpm.results.result",
+    "magmpm.rod.cosserat",
+    "magmpm.scene.addresses",
+    "magmpm.scene.scene",
+    "magmpm.scene.variables",
 )
 API = runpy.run_path(str(ROOT / "docs/site/api.py"))
 sections = API["sections"]
