@@ -137,7 +137,7 @@ class DrawnBody:
 
     @cached_property
     def arrow_length(self) -> float:
-        """m, of the longest arrow: about as long as what it stands for, and so short that neighbors do not cross."""
+        """Length (m) of the longest arrow: about as long as what it stands for, and so short that neighbors do not cross."""
         places = [self.reference[members] for members, _ in self._clusters]
         longest = (
             0.9 * float(np.median([np.linalg.norm(np.ptp(p, axis=0)) for p in places]))

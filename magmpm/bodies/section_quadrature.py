@@ -308,10 +308,10 @@ def section_errors(
     area = np.pi * (outer**2 - inner**2)
     moment = np.pi / 4 * (outer**4 - inner**4)
     _, y, z = particles.position.T
-    v = particles.volume / length
+    areas = particles.volume / length
     return {
-        "area_error": float(abs(v.sum() / area - 1)),
+        "area_error": float(abs(areas.sum() / area - 1)),
         "second_moment_error": float(
-            max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))
+            max(abs((areas * y * y).sum() / moment - 1), abs((areas * z * z).sum() / moment - 1))
         ),
     }

@@ -176,7 +176,7 @@ class MotionView:
     """The page of a motion: its frames, and how far its run is. One that was not run yet is run first, and shown as it grows."""
 
     def __init__(self, scene: Scene, path: Path, folder: Path) -> None:
-        """folder: of the results: saved ones of this scene are shown, otherwise it is run into it."""
+        """Show the results that a folder holds of this scene; where it holds none, run the scene into it."""
         self.scene = scene
         self.path = path
         self.folder = folder

@@ -192,7 +192,9 @@ def relax(record, data, length, first, count, dt, given):
 
 
 def contact(record, data, length, first, count, dt, given):
-    """value: the larger of it and of the depth (m) of points; force (count, PARTS) += their pushes."""
+    """Raise value, the largest depth (m) of each point so far, to its depth in this obstacle; force (count, PARTS) += the obstacle's
+    pushes.
+    """
     effect = carray(record, 1)[0]
     table = carray(data, length)
     at = carray(given, 1)[0]

@@ -67,7 +67,7 @@ def places(
 def records(
     field: FieldSource, dtype: np.dtype[Any], times: Array | None, strength: float
 ) -> NDArray[np.void]:
-    """Find the same as records of an effect.
+    """Find where the sources are, and how strong, as records of an effect.
 
     Parameters
     ----------

@@ -509,7 +509,7 @@ def particles_to_grid_with_tangent(cells, particles, calls, x, F, matrix, fortra
 
 @inner
 def _gradients_of_slab(slab, given):
-    """`gradient_products` of one slab."""
+    """Scatter the products of one slab's gradients to the matrix: a thread's share of `gradient_products`."""
     cells, particles, weight, matrix = given
     K = np.zeros((STENCIL, 3, 3, STENCIL))
     G = np.empty((3, STENCIL))
@@ -540,7 +540,7 @@ def gradient_products(cells, particles, weight, matrix):
 
 @inner
 def _stresses_of_slab(slab, given):
-    """`add_stresses` of one slab."""
+    """Scatter the stresses of one slab's particles to the residual: a thread's share of `add_stresses`."""
     cells, particles, P, residual = given
     G = np.empty((3, STENCIL))
     r = np.empty((STENCIL, 3))

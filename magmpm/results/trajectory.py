@@ -394,12 +394,12 @@ class Motion:
     Examples
     --------
     >>> import magmpm
-    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
-    >>> data = {**scene.to_si(), "solver": {"quasi_static": {"steps": 2, "duration": 1.0}}}
-    >>> result = magmpm.run(magmpm.Scene.from_si(data), folder="path", progress=False)
-    >>> motion = magmpm.Motion.load("path")
+    >>> scene = magmpm.load_scene("data/scenes/gallery/catheter_swing.yaml").with_cells(2)
+    >>> data = {**scene.to_si(), "solver": {"dynamic": {"duration": 1e-3, "output_every": 5e-4}}}
+    >>> result = magmpm.run(magmpm.Scene.from_si(data), folder="swing", progress=False)
+    >>> motion = magmpm.Motion.load("swing")
     >>> motion.times.tolist()  # s
-    [0.0, 0.5, 1.0]
+    [0.0, 0.0005, 0.001]
     >>> motion[-1].position.shape == motion.reference.shape
     True
     """

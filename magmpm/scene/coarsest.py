@@ -11,7 +11,9 @@ FINEST = 8  # cells across that are tried
 
 
 def coarsest(scene: Scene) -> Scene:
-    """The scene on the coarsest grid, under a thousandth of its load: a hard one would be ramped for minutes only to compile."""
+    """Make the scene on the coarsest grid, under a thousandth of its load: its kernels are the same, and a hard one is not solved for
+    minutes.
+    """
     data = {**scene.to_si(), "name": "compilation", "reference": None}
     if scene.solver.dynamic is None:
         for material in data["materials"].values():

@@ -834,9 +834,10 @@ class Scene(Settings):
         Examples
         --------
         >>> import magmpm
-        >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml")
-        >>> scene.with_effects(gravity={}, magnetic_torque=None).effects.gravity.acceleration  # m/s^2
-        (0.0, 0.0, -9.81)
+        >>> scene = magmpm.load_scene("data/scenes/five_segments.yaml")
+        >>> turned = scene.with_effects(gravity={"acceleration": [0, 9.81, 0]})
+        >>> turned.effects.gravity.acceleration  # m/s^2
+        (0.0, 9.81, 0.0)
         """
         data = self.to_si()
         changed = {

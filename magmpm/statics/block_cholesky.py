@@ -256,7 +256,7 @@ def _solve(panels, split, x, fortran):
     columns = x.shape[1]
     m = x.shape[2]
     x[planes:] = 0.0
-    # none: not a number known to the compiler, for each of which it would make a function of its own
+    # no plane: of a number that the compiler knows, such as -1, it would make a function of its own
     none = -m
     words = _words(panels, x)
     for back in (False, True):

@@ -29,7 +29,9 @@ WORDS = {
 def missed_loads(
     scene: Scene, energy: Energy | InteractingEnergy | None, point: Point
 ) -> list[str]:
-    """Warnings of loads that a scene does not name, which would move its equilibrium by more than its error; energy: with the factors."""
+    """Warn of loads that a scene does not name, and that would move its equilibrium by more than its error. energy: with its tangent's
+    factors.
+    """
     if scene.advice == "off" or energy is None:
         return []
     alone = energy.alone
