@@ -319,7 +319,7 @@ class Model:
         return spread(own, first, self.nodes_in_motion, self.splines()[0])
 
     def slowed(self, resistance: Array) -> float:
-        """Upper bound (1/s) of the rate at which a resistance (n,) N s/m of wetted pieces slows nodes: the largest row sum of W M^-1 W' C."""
+        """Bound (1/s) of the rate at which a resistance (n,) N s/m of wetted pieces slows nodes: the largest row sum of W M^-1 W' C."""
         at = self.wetted
         spreading = spread(resistance, at.first, self.nodes_in_motion, np.abs(at.weights))
         mass = self.mass_in_motion
