@@ -19,9 +19,16 @@ from magmpm.inputs.vectors import Direction, Vector
 
 @dataclass(frozen=True)
 class Section:
-    """area m^2; twist_bend (k, 3) N m^2: torsion, bending about axes 2 and 3; compliance (k, 3) 1/N: of stretch and the two shears.
+    """A cross-section as a rod feels it, for k materials.
 
-    k materials, by shear modulus G, Young's modulus E and Poisson's ratio nu.
+    Attributes
+    ----------
+    area : float, m^2
+        Of the section.
+    twist_bend : array (k, 3), N m^2
+        Stiffness against torsion, and bending about axes 2 and 3.
+    compliance : array (k, 3), 1/N
+        Against stretch and the two shears.
     """
 
     area: float
@@ -30,8 +37,28 @@ class Section:
 
 
 def ring(outer: float, inner: float, G: Array, E: Array, nu: Array) -> Section:
-    """A round tube of outer and inner radius (m), of materials of moduli G and E (k,) Pa and Poisson's ratio nu (k,).
+    """Make the section of a round tube.
 
+    Parameters
+    ----------
+    outer : float, m
+        Outer radius.
+    inner : float, m
+        Inner radius; 0 of a solid rod.
+    G : array (k,), Pa
+        Shear moduli.
+    E : array (k,), Pa
+        Young's moduli.
+    nu : array (k,), no unit
+        Poisson's ratios.
+
+    Returns
+    -------
+    Section
+        The section.
+
+    References
+    ----------
     Shear: Cowper, J. Appl. Mech. 33 (1966) 335-340.
     """
     r1 = outer
@@ -50,10 +77,33 @@ def ring(outer: float, inner: float, G: Array, E: Array, nu: Array) -> Section:
 def rectangle(
     width: float, thickness: float, G: Array, E: Array, nu: Array, plane_strain: bool
 ) -> Section:
-    """A rectangle, width along axis 2 and thickness along 3 (m).
+    """Make the section of a strip. In plane strain E/(1 - nu^2) takes E's place, and twist and bending in the plane of the sheet are next
+    to impossible.
 
-    Torsion: Timoshenko and Goodier, Theory of Elasticity, section 109; shear: Cowper (1966). In plane strain E/(1 - nu^2) takes
-    E's place, and twist and bending in the plane of the sheet are next to impossible.
+    Parameters
+    ----------
+    width : float, m
+        Along axis 2.
+    thickness : float, m
+        Along axis 3.
+    G : array (k,), Pa
+        Shear moduli.
+    E : array (k,), Pa
+        Young's moduli.
+    nu : array (k,), no unit
+        Poisson's ratios.
+    plane_strain : bool
+        Whether nothing varies along axis 2.
+
+    Returns
+    -------
+    Section
+        The section.
+
+    References
+    ----------
+    Torsion: Timoshenko and Goodier, Theory of Elasticity, section 109; shear: Cowper, J. Appl.
+    Mech. 33 (1966) 335-340.
     """
     area = width * thickness
     shear = 10 * (1 + nu) / (12 + 11 * nu)
@@ -74,7 +124,20 @@ def rectangle(
 
 
 def torsion_constant(width: float, thickness: float) -> float:
-    """Torsion constant J of a rectangle, m^4: twist rate = torque / (G J)."""
+    """Find the torsion constant J of a rectangle: twist rate = torque / (G J).
+
+    Parameters
+    ----------
+    width : float, m
+        One side.
+    thickness : float, m
+        The other side.
+
+    Returns
+    -------
+    float, m^4
+        J.
+    """
     b = max(width, thickness)
     t = min(width, thickness)
     odd = 2 * np.arange(8) + 1.0
@@ -221,11 +284,23 @@ class StraightBody(BodyShape):
         return False
 
     def segment_lengths(self) -> list[float]:
-        """Length of each region in m, base to tip; they sum to `length`."""
+        """Find the length of each region; they sum to `length`.
+
+        Returns
+        -------
+        list of float, m
+            Base to tip.
+        """
         return segment_lengths(self.length, self.segments or ())
 
     def segment_ends(self) -> Array:
-        """Distance (k,) m of each region's end from the base; the last one is the length."""
+        """Find the distance of each region's end from the base; the last one is the length.
+
+        Returns
+        -------
+        array (k,), m
+            Base to tip.
+        """
         ends = np.cumsum(self.segment_lengths())
         ends[-1] = self.length
         return ends
@@ -245,11 +320,39 @@ class StraightBody(BodyShape):
 
     @abstractmethod
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
-        """Its cross-section as a rod feels it, for materials of these shear and Young's moduli (k,) Pa and Poisson's ratios (k,)."""
+        """Make its cross-section as a rod feels it, for k materials.
+
+        Parameters
+        ----------
+        shear : array (k,), Pa
+            Shear moduli.
+        young : array (k,), Pa
+            Young's moduli.
+        poisson : array (k,), no unit
+            Poisson's ratios.
+
+        Returns
+        -------
+        Section
+            The section.
+        """
 
 
 def segment_lengths(length: float, segments: tuple[Segment, ...]) -> list[float]:
-    """Length of each segment in m, base to tip; they sum to `length` (m)."""
+    """Find the length of each segment of a body; segments without one share the rest equally.
+
+    Parameters
+    ----------
+    length : float, m
+        Of the body.
+    segments : tuple of Segment
+        Base to tip.
+
+    Returns
+    -------
+    list of float, m
+        They sum to the body's length.
+    """
     given = [s.length for s in segments if s.length is not None]
     free = len(segments) - len(given)
     share = math.fsum([length, *(-length for length in given)]) / free if free else 0.0

@@ -35,9 +35,24 @@ REMEDY = "check the units of loads and of shear_modulus"
 
 @dataclass(frozen=True)
 class Strain:
-    """The largest stretch, the shares of the volume (0 to 1) beyond STRETCH and beyond VOLUME, and the least and largest det F.
+    """How far the material of a body is strained.
 
-    radius: m, of the axis where it is bent most (inf: straight, or there is none); time: s, of the worst moment.
+    Attributes
+    ----------
+    stretch : float, no unit
+        The largest stretch.
+    stretched : float, no unit
+        Share of the volume, 0 to 1, that is stretched beyond STRETCH.
+    swollen : float, no unit
+        Share of the volume whose det F is beyond VOLUME from 1.
+    min_det_F : float, no unit
+        Least det F.
+    max_det_F : float, no unit
+        Largest det F.
+    radius : float, m
+        Of the axis where it is bent most; inf: straight, or there is no axis.
+    time : float, s, or None
+        Of the worst moment; None of an equilibrium.
     """
 
     stretch: float = 1.0
@@ -49,7 +64,18 @@ class Strain:
     time: float | None = None
 
     def worst(self, other: Strain) -> Strain:
-        """The worst of both; the time is that of the larger stretch."""
+        """Join two strains: the worst of both; the time is that of the larger stretch.
+
+        Parameters
+        ----------
+        other : Strain
+            The other one.
+
+        Returns
+        -------
+        Strain
+            Both.
+        """
         return Strain(
             stretch=max(self.stretch, other.stretch),
             stretched=max(self.stretched, other.stretched),
@@ -61,7 +87,18 @@ class Strain:
         )
 
     def warnings(self, model: Model) -> list[str]:
-        """One sentence for each limit that is exceeded."""
+        """Warn of limits that are exceeded.
+
+        Parameters
+        ----------
+        model : Model
+            The body.
+
+        Returns
+        -------
+        list of str
+            One sentence for each.
+        """
         when = "" if self.time is None else f", at {self.time:.3g} s"
         found = []
         if self.stretched > SHARE:
@@ -102,7 +139,13 @@ class Strain:
         return found
 
     def state(self) -> dict[str, float]:
-        """Plain numbers, from which `restored` makes the same Strain."""
+        """Write the strain as plain numbers, from which `restored` makes the same one.
+
+        Returns
+        -------
+        dict[str, float]
+            Numbers by name.
+        """
         return {
             f"strain_{name}": value
             for name, value in vars(self).items()
@@ -111,7 +154,18 @@ class Strain:
 
     @classmethod
     def restored(cls, state: Mapping[str, float]) -> Strain:
-        """The Strain of a `state`, which may hold other numbers too."""
+        """Make the strain of a `state`.
+
+        Parameters
+        ----------
+        state : Mapping[str, float]
+            It may hold other numbers too.
+
+        Returns
+        -------
+        Strain
+            The strain.
+        """
         return cls(
             **{
                 key.removeprefix("strain_"): value
@@ -122,9 +176,23 @@ class Strain:
 
 
 def strain_of(model: Model, position: Array, F: Array, time: float | None = None) -> Strain:
-    """The strain of a model's particles at positions (n, 3) m with F (n, 3, 3), at a time (s; None: equilibrium).
+    """Find the strain of a body. Stretches are computed where they may exceed the limit, and for the particle with the largest tr F^T F.
 
-    Stretches are computed where they may exceed the limit, and for the particle with the largest tr F^T F.
+    Parameters
+    ----------
+    model : Model
+        The body.
+    position : array (n, 3), m
+        Of its particles.
+    F : array (n, 3, 3), no unit
+        Their deformation gradients.
+    time : float, s, optional
+        Of the moment; none of an equilibrium.
+
+    Returns
+    -------
+    Strain
+        The strain.
     """
     volume = model.particles.volume
     J = np.empty(len(F))

@@ -17,10 +17,15 @@ from magmpm.rod.derivative_kernels import relax_all, softest
 
 @dataclass(frozen=True)
 class RodFamily:
-    """Rods that have the same lengths, stiffnesses and weight.
+    """Rods that have the same lengths, stiffnesses and weight, of n elements.
 
-    rod: what they share; its moments count where no region is varied, and its field where none is given. sizes (k, n) A m: moment per
-    length of the k varied regions in each element, zero outside the region.
+    Attributes
+    ----------
+    rod : RodModel
+        What they share. Its moments count where no region is varied, and its field where none
+        is given.
+    sizes : array (k, n), A m
+        Moment per length of the k varied regions in each element; zero outside the region.
     """
 
     rod: RodModel
@@ -28,7 +33,22 @@ class RodFamily:
 
     @classmethod
     def of(cls, rod: RodModel, lengths: Sequence[float], regions: Sequence[int]) -> RodFamily:
-        """A rod whose regions with these indices are varied; lengths (m) of all regions, base to tip."""
+        """Make the rods of which some regions vary.
+
+        Parameters
+        ----------
+        rod : RodModel
+            What they share.
+        lengths : sequence of float, m
+            Of all regions, base to tip.
+        regions : sequence of int
+            Indices of those that are varied.
+
+        Returns
+        -------
+        RodFamily
+            The rods.
+        """
         middle = np.cumsum(rod.length) - rod.length / 2
         of = np.searchsorted(np.cumsum(lengths), middle)
         strength = np.linalg.norm(rod.moment, axis=1)
@@ -40,16 +60,53 @@ class RodFamily:
         )
 
     def moments(self, directions: Array) -> Array:
-        """Moments per length (rods, n, 3) A m for directions (rods, k, 3)."""
+        """Find the moments per length of several designs.
+
+        Parameters
+        ----------
+        directions : array (rods, k, 3), no unit
+            Unit vectors of the varied regions.
+
+        Returns
+        -------
+        array (rods, n, 3), A m
+            Of each element.
+        """
         varied = np.any(self.sizes != 0.0, axis=0).reshape(-1, 1)
         return np.where(varied, np.einsum("in,sij->snj", self.sizes, directions), self.rod.moment)
 
     def straight(self, rods: int) -> Array:
-        """Quaternions (rods, n + 1, 4) of straight rods."""
+        """Make the frames of straight rods.
+
+        Parameters
+        ----------
+        rods : int
+            How many.
+
+        Returns
+        -------
+        array (rods, n + 1, 4), no unit
+            Quaternions.
+        """
         return np.tile(self.rod.straight(), (rods, 1, 1))
 
     def stability(self, quaternions: Array, directions: Array, field: Array) -> float:
-        """Smallest eigenvalue of one rod (n + 1, 4) over the unloaded rod's: 1 at rest, 0 at a critical load. field (3,) T: added."""
+        """Find the smallest eigenvalue of one rod over that of the unloaded rod.
+
+        Parameters
+        ----------
+        quaternions : array (n + 1, 4), no unit
+            Its frames, in equilibrium.
+        directions : array (k, 3), no unit
+            Unit vectors of the varied regions.
+        field : array (3,), T
+            Added to the rod's own.
+
+        Returns
+        -------
+        float, no unit
+            1 at rest, 0 at a critical load.
+        """
         rod = self.rod
         none = np.zeros_like(self.rod.field)
         at_rest = softest(
@@ -70,14 +127,44 @@ class RodFamily:
         )
 
     def shape(self, quaternions: Array, directions: Array, field: Array) -> RodShape:
-        """One rod (n + 1, 4) in equilibrium with directions (k, 3) and an added field (3,) T: what the body's solve begins from."""
+        """Make the shape of one rod in equilibrium, from which the body's solve begins.
+
+        Parameters
+        ----------
+        quaternions : array (n + 1, 4), no unit
+            Its frames.
+        directions : array (k, 3), no unit
+            Unit vectors of the varied regions.
+        field : array (3,), T
+            Added to the rod's own.
+
+        Returns
+        -------
+        RodShape
+            The shape.
+        """
         q = quaternions.copy()
         moment = np.ascontiguousarray(self.moments(directions[None])[0])
         rod = replace(self.rod, moment=moment, field=self.rod.field + field)
         return rod.shape(q, *rod.relax(q)[1:])
 
     def pull(self, quaternions: Array, directions: Array, gradient: Array) -> Array:
-        """Pull (rods, n, 3) N on the elements of rods in these shapes, with gradients dB_i/dx_j (n + 1, 3, 3) T/m at the frames."""
+        """Find the pull on the elements of several rods in a field that varies in space.
+
+        Parameters
+        ----------
+        quaternions : array (rods, n + 1, 4), no unit
+            Their frames.
+        directions : array (rods, k, 3), no unit
+            Unit vectors of the varied regions.
+        gradient : array (rods, n + 1, 3, 3), T/m
+            dB_i/dx_j at the frames.
+
+        Returns
+        -------
+        array (rods, n, 3), N
+            On each element.
+        """
         moments = self.moments(directions)
         turned = (
             _rotated(quaternions[:, side], moments) for side in (slice(None, -1), slice(1, None))
@@ -97,12 +184,30 @@ class RodFamily:
         pull: Array | float = 0.0,
         share: float = 1.0,
     ) -> tuple[Array, Array, Array]:
-        """Equilibria from quaternions (rods, n + 1, 4), which are changed in place.
+        """Find equilibria of several rods near given frames.
 
-        directions (rods, k, 3) unit vectors; field (rods, 3) T: uniform, added to the rod's own; pull (rods, n, 3) N: on
-        the elements, of a field that varies; share: of all loads. Returns
-        positions (rods, n + 1, 3) m; their slopes (rods, n + 1, 3, c), 3 k by the components of the directions, and 3 more by the field
-        (per T) where one is given; found (rods,): whether it is a stable equilibrium. Slopes of others are not defined.
+        Parameters
+        ----------
+        quaternions : array (rods, n + 1, 4), no unit
+            Their frames, changed in place.
+        directions : array (rods, k, 3), no unit
+            Unit vectors of the varied regions.
+        field : array (rods, 3), T, optional
+            Uniform, added to the rods' own.
+        pull : array (rods, n, 3), N, or float
+            On the elements, of a field that varies.
+        share : float, no unit
+            Of all loads.
+
+        Returns
+        -------
+        positions : array (rods, n + 1, 3), m
+            Of the frames.
+        slopes : array (rods, n + 1, 3, c), m per unit
+            Of the positions: 3 k by the components of the directions, and 3 more by the field
+            (per T) where one is given. Not defined where no stable equilibrium was found.
+        found : array (rods,) of bool
+            Whether it is a stable equilibrium.
         """
         rods = len(quaternions)
         frames = len(self.rod.length) + 1
