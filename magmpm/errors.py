@@ -232,7 +232,18 @@ class MissingPackage(SceneError):
 
 
 def installed(package: str) -> bool:
-    """True if a package can be imported, by its import name; it is not imported."""
+    """Tell whether a package can be imported; it is not imported.
+
+    Parameters
+    ----------
+    package : str
+        Its import name.
+
+    Returns
+    -------
+    bool
+        True if it can.
+    """
     if package in sys.modules:
         return sys.modules[package] is not None
     try:
@@ -242,7 +253,18 @@ def installed(package: str) -> bool:
 
 
 def install(extra: str) -> str:
-    """The command that installs an extra of magmpm, for remedies."""
+    """Write the command that installs an extra of magmpm, for remedies.
+
+    Parameters
+    ----------
+    extra : str
+        Its name.
+
+    Returns
+    -------
+    str
+        The command.
+    """
     return f"pip install 'magmpm[{extra}]'"
 
 

@@ -25,10 +25,38 @@ from magmpm.solving.several_grids import (
 
 
 def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centreline") -> float:
-    """The largest distance (m) between two runs of the same body, over all frames of two Motions, or at the end where one is a Result.
+    """Measure how far apart two runs of the same body are: the largest distance over all frames that both have.
 
-    of: centreline, at equal shares of the arc length (parts: between their centers, and the tip if one is named); or tip. Raises ValueError
-    if they share no time; InputError for the tip of parts that name none.
+    Parameters
+    ----------
+    one : Result or Motion
+        A run. Where one of the two is a Result, the ends of both are compared.
+    other : Result or Motion
+        The other run.
+    of : str, default 'centreline'
+        "centreline": at equal shares of the arc length; of parts between their centers, and at
+        the tip if one is named. "tip": at the tip alone.
+
+    Returns
+    -------
+    float, m
+        The largest distance.
+
+    Raises
+    ------
+    ValueError
+        If the two share no time.
+    InputError
+        For the tip of parts that name none.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> from magmpm.runs import distance
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> one = magmpm.run(scene)
+    >>> distance(one, one)
+    0.0
     """
     first = frames_of(one)
     second = frames_of(other)
@@ -47,8 +75,15 @@ def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centrel
 
 @dataclass(frozen=True)
 class GridError:
-    """error: bound (m) of the discretization error, anywhere on the axis (of parts: of their centers, and of the tip if one is named), in
-    any frame; report: as `Result.resolution`, with grids.
+    """The error that a grid leaves in an answer, and how it is known.
+
+    Attributes
+    ----------
+    error : float, m
+        Bound of the discretization error, in any frame: anywhere on the axis; of parts, of
+        their centers, and of the tip if one is named.
+    report : dict[str, Any]
+        As `Result.resolution`, with the grids that were compared.
     """
 
     error: float
@@ -69,8 +104,37 @@ class GridError:
 def error(scene: Scene | Path | str) -> GridError:
     """Bound the error that a scene's grid leaves in its answer: its equilibrium, its path or its motion, whatever acts on it.
 
-    The scene is run on its grid and on a finer one, and bodies on 2 cells on one between (statics.error_estimate). Where it asks for an
-    error or a time, this is the error of the grid that a run would choose. Raises InputError and SolveError as `run` does.
+    The scene is run on its grid and on a finer one, and bodies on 2 cells on one between. Where the
+    scene requests an error or a time, this is the error of the grid that a run would choose.
+
+    Parameters
+    ----------
+    scene : Scene, Path or str
+        A Scene, or the path of a scene file.
+
+    Returns
+    -------
+    GridError
+        The bound as `error`, m.
+
+    Raises
+    ------
+    InputError
+        As of `run`.
+    SolveError
+        As of `run`.
+
+    References
+    ----------
+    docs/accuracy.md, magmpm/statics/error_estimate.py.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> found = magmpm.error(scene)
+    >>> 0.0 < found.error < 0.01 * scene.length  # both in m
+    True
     """
     by_user = notices.called_by_user()
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
@@ -89,11 +153,26 @@ def error(scene: Scene | Path | str) -> GridError:
 class Comparison:
     """Distance of two scenes' answers, and how well it is known.
 
-    distance: m, the farthest that a point of the axis (of parts: a part's center, or the tip that they name) is from its place in the
-    other answer, in any frame; uncertainty: m, bound of what the grid adds to it or takes from it; time: s, of the frame in which they are
-    farthest apart, None of single equilibria; length: m, of the longer body; cells, finer_cells: cells across of the grid of the answers,
-    and of the one that tells the uncertainty; results: of the two scenes on `cells`, at the end of what runs along time; unknown: spans (s)
-    of paths around jumps, which come sooner or later on other grids, and which are left out.
+    Attributes
+    ----------
+    distance : float, m
+        The farthest that a point of the axis (of parts: a part's center, or the tip that they
+        name) is from its place in the other answer, in any frame.
+    uncertainty : float, m
+        Bound of what the grid adds to it or takes from it.
+    time : float, s, or None
+        Of the frame in which they are farthest apart; None of single equilibria.
+    length : float, m
+        Of the longer body.
+    cells : int
+        Cells across of the grid of the answers.
+    finer_cells : int
+        Cells across of the grid that tells the uncertainty.
+    results : tuple[Result, Result]
+        Of the two scenes on `cells`; of what runs along time at its end.
+    unknown : list of (float, float), s
+        Spans of paths around jumps, which come sooner or later on other grids, and which are
+        left out.
     """
 
     distance: float
@@ -128,20 +207,25 @@ def compare(
     cells: int | None = None,
     of: str = "centreline",
 ) -> Comparison:
-    """Distance of two scenes' answers, and how well it is known: what another material, law, load, tolerance or magnet changes.
+    """Find the distance of two scenes' answers, and how well it is known: what another material, law, load, tolerance or magnet changes.
 
-    Both are run on the same number of cells across, and on the finer grids that would tell the error of an answer. What the grid does to
-    both alike cancels: the uncertainty is that of the way from one answer to the other, point by point, and mostly a small part of
-    either answer's own error. Straight bodies are compared along their axes at equal shares of the arc length, parts at their centers,
-    runs along time in all frames that both have.
+    Both are run on the same number of cells across, and on the finer grids that would tell the
+    error of an answer. What the grid does to both alike cancels: the uncertainty is that of the way
+    from one answer to the other, point by point, and mostly a small part of either answer's own
+    error. Straight bodies are compared along their axes at equal shares of the arc length, parts at
+    their centers, runs along time in all frames that both have.
 
     Parameters
     ----------
-    scene_a, scene_b : Scene, Path or str
-        Two scenes, or the paths of their files: two equilibria, or two of what runs along time (paths or motions, which end together).
+    scene_a : Scene, Path or str
+        A scene, or the path of its file.
+    scene_b : Scene, Path or str
+        Another: two equilibria, or two of what runs along time (paths or motions, which end
+        together).
     cells : int, optional
-        Cells across of both scenes, 2 to 12. Unless given, those of the scenes, which must agree.
-    of : {"centreline", "tip"}
+        Cells across of both scenes, 2 to 12. Unless given, those of the scenes, which must
+        agree.
+    of : {'centreline', 'tip'}, default 'centreline'
         Where distances are meant.
 
     Returns
@@ -158,14 +242,17 @@ def compare(
 
     References
     ----------
-    Roache, J. Fluids Eng. 116 (1994) 405: the error of a quantity from two grids (statics.error_estimate), here of a difference.
+    Roache, J. Fluids Eng. 116 (1994) 405: the error of a quantity from two grids
+    (statics.error_estimate), here of a difference.
 
     Examples
     --------
+    >>> import magmpm
     >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml")
     >>> softer = scene.with_material(shear_modulus="110 kPa")
-    >>> found = magmpm.compare(scene, softer, cells=3)
-    >>> found.distance, found.uncertainty      # m
+    >>> found = magmpm.compare(scene, softer, cells=2)
+    >>> found.distance > found.uncertainty  # both in m
+    True
     """
     by_user = notices.called_by_user()
     one, other = (_with_effects(scene) for scene in (scene_a, scene_b))

@@ -53,24 +53,69 @@ def run(
     on_begin: Callable[[], None] | None = None,
     progress: bool | None = None,
 ) -> Result:
-    """Simulate a scene: its equilibrium, equilibria along time if it has solver.quasi_static, or its motion if it has solver.dynamic.
+    """Simulate a scene: its equilibrium, equilibria along time (solver.quasi_static), or its motion (solver.dynamic).
 
-    scene: a Scene, or the path of a scene file.
-    start: statics only: the result of a similar scene on the same grid, whose solution the solve starts from; or the shape of a rod: the
-    equilibrium near it is found, be it on the branch that grows from zero load or not.
-    folder: where the result is saved (Result.save), and a motion's frames and checkpoints are written; None: nowhere. What it held is
-    replaced. resume: go on from the checkpoint in folder; without one, as for an equilibrium, the run begins at the start.
-    on_progress(step, number): called after each Newton step with its energy decrement (no unit), or during a motion with its time in s.
-    on_begin(): called when a motion starts from its beginning, before anything is written.
-    progress: whether what runs along time shows a bar; None: on a terminal and in notebooks, unless MAGMPM_PROGRESS is 0.
+    Warnings of the result are also given as MagmpmWarning, each once a scene; begin, end and errors
+    go to the logger `magmpm`. Numbers of the result are in SI.
 
-    Warnings of the result are also given as MagmpmWarning, each once a scene; begin, end and errors go to the logger `magmpm`.
-    Everything in the Result is in SI. docs/design.md names the method's formulas and their sources.
-    Raises InputError before the run if the scene or the file is wrong, or if another process writes to folder; its message names the
-    file, line, key and value if scene is a path (otherwise SceneError names the key and value).
-    Raises SolveError if no equilibrium is found or a motion fails; its state is the last good Result (converged False), or None; that of a
-    motion is saved in folder. Raises BudgetError if a motion would exceed its limit of disk space. Raises ValueError if start is on another
-    grid, or given for what moves, or resume is requested without a folder; TypeError if start is no Result.
+    Parameters
+    ----------
+    scene : Scene, Path or str
+        A Scene, or the path of a scene file.
+    start : Result or RodShape, optional
+        Of a single equilibrium only: the result of a similar scene on the same grid, whose
+        solution the solve starts from; or the shape of a rod, near which the equilibrium is
+        found, be it on the branch that grows from zero load or not.
+    folder : Path or str, optional
+        Where the result is saved (Result.save), and the frames and checkpoints of a motion are
+        written. What the folder held is replaced. None: nothing is written.
+    resume : bool, default False
+        Go on from the checkpoint in `folder`; without one, as for an equilibrium, the run
+        begins at the start.
+    on_progress : callable, optional
+        `on_progress(step, number)` is called after each Newton step with its energy decrement
+        (no unit), or along time with the time in s.
+    on_begin : callable, optional
+        Called without arguments when a motion starts from its beginning, before anything is
+        written.
+    progress : bool, optional
+        Whether what runs along time shows a bar. None: on a terminal and in notebooks, unless
+        MAGMPM_PROGRESS is 0.
+
+    Returns
+    -------
+    Result
+        The answer; of what runs along time its last moment.
+
+    Raises
+    ------
+    InputError
+        Before the run, if the scene or its file is wrong, or if another process writes to
+        `folder`; where `scene` is a path, the message names file, line, key and value.
+    SolveError
+        If no equilibrium is found or a motion fails. Its `state` is the last good Result (not
+        converged), or None; that of a motion is saved in `folder`.
+    BudgetError
+        If a motion would exceed its limit of disk space.
+    ValueError
+        If `start` is on another grid or given for what moves, or `resume` is requested without
+        a folder.
+    TypeError
+        If `start` is neither a Result nor a RodShape.
+
+    References
+    ----------
+    docs/theory.md has the equations, docs/design.md the method and its sources.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> result = magmpm.run(scene)
+    >>> result.converged
+    True
+    >>> result.tip.shape  # x, y and z of the tip, m
+    (3,)
     """
     by_user = notices.called_by_user()
     with nullcontext() if isinstance(scene, Scene) else of_file(scene):
@@ -152,7 +197,21 @@ def _save_last(error: SolveError, folder: Path | str, begun: bool) -> None:
 
 
 def simulated(scene: Scene, options: RunOptions = AS_IT_IS) -> Result:
-    """Run as `run` does, for callers that save the result: the options' folder takes frames and checkpoints, nothing else."""
+    """Run a scene as `run` does, for callers that save the result themselves.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is simulated.
+    options : RunOptions, default AS_IT_IS
+        As of `run`; their folder takes the frames and checkpoints of a motion, and nothing
+        else.
+
+    Returns
+    -------
+    Result
+        The answer, in SI.
+    """
     if scene.effects.auto:
         choice = choose_effects(scene)
         found = simulated(choice.scene, replace(options, advise=False))
@@ -170,22 +229,65 @@ def sensitivities(
 ) -> Sensitivities:
     """Solve a scene for its equilibrium, and find how the shape answers to numbers of the scene: exact first derivatives.
 
-    scene: a Scene, or the path of a scene file. start: as of `run`. of: the kinds of variables, in any order; unless given, all it has:
+    The kinds of variables, each with the unit that its derivatives are per:
 
-    * magnetization: the direction of each magnetized region, toward growing azimuth about +z and toward growing elevation, per rad;
-    * field: its uniform part, along x, y and z, per T;
-    * remanence (T), shear_modulus (Pa; the bulk modulus in proportion), density (kg/m^3): of each material that the body uses;
-    * length: of each segment of a catheter or strip, m: the body gets longer by as much; diameter: of a catheter, m (a tube's bore stays);
-    * an address, as in a study's `numbers`: `field.magnet[0].position[2]`, `effects.gravity.acceleration[2]`, `field.coils[*].current`: any
-      number of the field, the effects, the materials or the magnetization, per its SI unit.
+    * magnetization: direction of each magnetized region, toward growing azimuth about +z and toward
+      growing elevation, rad;
+    * field: its uniform part, along x, y and z, T;
+    * remanence (T), shear_modulus (Pa; the bulk modulus in proportion), density (kg/m^3): of each
+      material that the body uses;
+    * length: of each segment of a catheter or strip, m; the body gets longer by as much;
+    * diameter: of a catheter, m; a tube's bore stays;
+    * an address, as in a study's `numbers`: `field.magnet[0].position[2]`,
+      `effects.gravity.acceleration[2]`, `field.coils[*].current`: any number of the field, the
+      effects, the materials or the magnetization, in its SI unit.
 
-    Of equilibria along time (solver.quasi_static) it is the last one, on the branch on which the path has come to it.
+    Of equilibria along time (solver.quasi_static) it is the last one, on the branch on which the
+    path has come to it.
 
-    The answer has names, units, variables, result, tip (3, k) m, centreline (stations, 3, k) m, `at` and `adjoint` (Sensitivities).
-    Method: the implicit function theorem, dc/dp = -K^-1 dr/dp; docs/design.md, "Sensitivities".
-    Raises InputError as `run` does, for a name in `of` that is not known or of which the scene has no variable, for a scene that moves,
-    and for a path with friction or feed; SolveError as `run` does, and where the softest motion has no stiffness: at a critical load, or
-    of a body that is free to turn; ValueError and TypeError for a wrong start.
+    Parameters
+    ----------
+    scene : Scene, Path or str
+        A Scene, or the path of a scene file.
+    of : sequence of str, optional
+        Kinds of variables, in any order; all that the scene has unless given.
+    start : Result, RodShape or Following, optional
+        As of `run`.
+
+    Returns
+    -------
+    Sensitivities
+        The equilibrium as `result`, and the derivatives of its shape with respect to k
+        variables: `names`, `units`, `tip` (3, k), `centreline` (stations, 3, k), m per unit of
+        each variable.
+
+    Raises
+    ------
+    InputError
+        As of `run`; for a name in `of` that is not known or of which the scene has no variable;
+        for a scene that moves, and a path with friction or feed.
+    SolveError
+        As of `run`; where the softest motion has no stiffness: at a critical load, or of a body
+        that is free to turn.
+    ValueError
+        For a start on another grid, or of a scene that runs along time or requests an error.
+    TypeError
+        If `start` is neither a Result nor a RodShape.
+
+    References
+    ----------
+    Implicit function theorem, dc/dp = -K^-1 dr/dp: Tortorelli and Michaleris, Inverse Problems in
+    Engineering 1 (1994) 71; docs/design.md, "Sensitivities".
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> found = magmpm.sensitivities(scene, of=["field"])
+    >>> found.names
+    ('field_x', 'field_y', 'field_z')
+    >>> found.tip.shape  # m of the tip's x, y and z for each T of the field's
+    (3, 3)
     """
     by_user = notices.called_by_user()
     with nullcontext() if isinstance(scene, Scene) else of_file(scene):

@@ -44,18 +44,57 @@ def design(
     progress: bool | None = None,
     **more: Any,
 ) -> StudyReport | GoalReport:
-    """Search the design that makes a target shape, or reaches the `goal` of its file, or go on with the search, as `magmpm design` does
-    without its pictures.
+    """Search the design that makes a target shape, or reaches the `goal` of its file, or go on with such a search.
 
-    study: the path of a study file, the Study that load_study makes of one, or a dict with the keys of such a file: there `scene` may be a
-    Scene, a target or path an array (q, 4) of rows [s, x, y, z] or (q, 3) of points, m, and `python` a function of a module or script;
-    paths are relative to the working folder. As a file it is kept in the folder of the results, study_HASH/NAME.yaml.
-    folder: of the results, runs/NAME unless given; NAME is the file's, or the scene's of a dict; best/ in it holds the best design as a
-    Result and as a scene. trials, sampler: in place of the file's. more: workers, storage, on_trial and the
-    other options of studies.engine.loop.run_study. Lengths of the report are in m.
-    progress: whether a bar is shown; None: on a terminal and in notebooks, unless MAGMPM_PROGRESS is 0. Warnings of the report are also
-    given as MagmpmWarning, once a study.
-    Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept; TypeError for an unknown option.
+    It is what `magmpm design` does, without its pictures. Warnings of the report are also given as
+    MagmpmWarning, once a study.
+
+    Parameters
+    ----------
+    study : Study, Path, str or dict
+        The path of a study file, the Study that load_study makes of one, or a dict with the
+        keys of such a file. There `scene` may be a Scene, a target or path an array (q, 4) of
+        rows [s, x, y, z] or (q, 3) of points, m, and `python` a function of a module or script;
+        paths are relative to the working folder. As a file it is kept in the folder of the
+        results, study_HASH/NAME.yaml.
+    folder : Path or str, optional
+        Of the results; runs/NAME unless given, with the name of the file, or of a dict's scene.
+        `best/` in it holds the best design as a Result and as a scene.
+    trials : int, optional
+        Number of trials, in place of the file's.
+    sampler : str, optional
+        Name of the sampler, in place of the file's.
+    progress : bool, optional
+        Whether a bar is shown. None: on a terminal and in notebooks, unless MAGMPM_PROGRESS is
+        0.
+    **more : object
+        `workers`, `storage`, `on_trial` and the other options of
+        `studies.engine.loop.run_study`; of a study with a goal these three.
+
+    Returns
+    -------
+    StudyReport or GoalReport
+        What the search has found so far; a GoalReport of a study with a `goal`. Lengths are in
+        m.
+
+    Raises
+    ------
+    InputError
+        For wrong files, names and numbers.
+    MagmpmError
+        Where the trials can't be kept.
+    TypeError
+        For an unknown option.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> study = "data/studies/s_shape.yaml"
+    >>> report = magmpm.design(study, trials=1, sampler="random", folder="s_shape")
+    >>> report.trials
+    1
+    >>> report.best["rms_m"] > 0.0  # distance from the target, m
+    True
     """
     require("optuna", "design", key="magmpm.design", use="studies")
     if isinstance(study, Mapping):
@@ -221,13 +260,34 @@ def fit(
     progress: bool | None = None,
     **options: Any,
 ) -> Fit:
-    """Material constants that explain measurements best, with confidence intervals, as `magmpm fit` finds them.
+    """Find the material constants that explain measurements best, with confidence intervals, as `magmpm fit` does.
 
-    measured: the path of a table, or several of the same body (docs/fitting.md). scene: a Scene, the path of its file, or a dict as
-    load_scene takes. options: vary, noise (m), angle_noise (rad), known, level, thorough of studies.fitting.fit.
-    progress: whether the solves so far are shown; None: on a terminal and in notebooks, unless MAGMPM_PROGRESS is 0. Warnings of the fit
-    are also given as MagmpmWarning.
-    Raises InputError as the command does, also where the measurements can't distinguish constants; SolveError without an equilibrium.
+    Warnings of the fit are also given as MagmpmWarning.
+
+    Parameters
+    ----------
+    measured : Path, str or sequence of Path or str
+        The path of a table of measurements, or several of the same body (docs/fitting.md).
+    scene : Scene, Path, str or dict
+        A Scene, the path of its file, or a dict as load_scene takes.
+    progress : bool, optional
+        Whether the solves so far are shown. None: on a terminal and in notebooks, unless
+        MAGMPM_PROGRESS is 0.
+    **options : object
+        `vary`, `noise` (m), `angle_noise` (rad), `known`, `level` and `thorough` of
+        `studies.fitting.fit`.
+
+    Returns
+    -------
+    Fit
+        The constants with their intervals, and the residuals, in SI.
+
+    Raises
+    ------
+    InputError
+        As the command does, also where the measurements can't distinguish constants.
+    SolveError
+        Where no equilibrium is found.
     """
     from magmpm.studies.fitting import fit as found_by
     from magmpm.studies.fitting import read_tables
@@ -252,11 +312,34 @@ def fit(
 
 
 def influence(scene: SceneLike, effect: str | None = None) -> EffectsTable | EffectRow:
-    """Shift of the answer by each effect, named in the scene or not, as `magmpm effects` prints it; of one effect, its row alone.
+    """Find how far each effect moves the answer, named in the scene or not, as `magmpm effects` prints it.
 
-    scene: a Scene, the path of its file, or a dict as load_scene takes. effect: a key of the scene's effects, such as "gravity". Shifts and
-    their uncertainties are in m; costs, which take longest, are counted for all effects together.
-    Raises InputError for a wrong scene, or a name that is no effect.
+    Parameters
+    ----------
+    scene : Scene, Path, str or dict
+        A Scene, the path of its file, or a dict as load_scene takes.
+    effect : str, optional
+        A key of the scene's effects, such as "gravity"; all of them unless given. What effects
+        cost, which takes longest to find, is counted for all together only.
+
+    Returns
+    -------
+    EffectsTable or EffectRow
+        The table of all effects; of one effect its row alone. Shifts and their uncertainties
+        are in m.
+
+    Raises
+    ------
+    InputError
+        For a wrong scene, or a name that is no effect.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> row = magmpm.influence(scene, "magnetic_torque")
+    >>> row.shift_m > row.uncertainty_m  # m
+    True
     """
     known = effects.Effects.every()
     if effect is not None and effect not in known:

@@ -30,7 +30,8 @@ The classes of answers come last: [what these functions return](#what-these-func
 [first scene](first_scene.md) and [sensitivities](sensitivities.md).
 """
 RETURNED = (
-    "magmpm.compare.GridError",
+    "magmpm.runs.GridError",
+    "magmpm.runs.Comparison",
     "magmpm.results.trajectory.Frame",
     "magmpm.statics.linearized.Sensitivities",
     "magmpm.rod.cosserat.RodShape",

@@ -27,12 +27,38 @@ NAME_ONE = "name a part or a point, say `tip: arm` in body.parts"
 
 
 def region_magnetization(model: Model, F: Array) -> Array:
-    """Mean magnetization (k, 3) T of each region, F Br or R Br, for F (n, 3, 3)."""
+    """Find the mean magnetization of each region, F Br or R Br.
+
+    Parameters
+    ----------
+    model : Model
+        The body.
+    F : array (n, 3, 3), no unit
+        Deformation gradients of its particles.
+
+    Returns
+    -------
+    array (k, 3), T
+        A row for each region.
+    """
     return region_means(model, magnetization(model.rotating, model.remanence[:, :3], F))
 
 
 def region_means(model: Model, values: Array) -> Array:
-    """Mean over each region's volume, (k, m), of values (n, m) at the particles."""
+    """Average values at the particles over each region's volume.
+
+    Parameters
+    ----------
+    model : Model
+        The body.
+    values : array (n, m)
+        Of each particle.
+
+    Returns
+    -------
+    array (k, m)
+        A row for each region, in the values' unit.
+    """
     particles = model.particles
     count = len(model.scene.regions())
     share = np.zeros((count, len(values)))
@@ -42,10 +68,23 @@ def region_means(model: Model, values: Array) -> Array:
 
 
 def axis_of_particles(model: Model, position: Array) -> Array:
-    """Rows [s, x, y, z] (2 cells + 1, 4) m of a straight body's axis from its particles alone; none for a body without an axis.
+    """Find a straight body's axis from its particles alone.
 
-    position (n, 3) m: deformed. The means of the sections are fitted by the splines along the axis, by least squares: for a
-    displacement that these splines hold this is the mean of the section exactly, whatever moved the particles.
+    The means of the sections are fitted by the splines along the axis, by least squares: for a
+    displacement that these splines hold this is the mean of the section exactly, whatever moved the
+    particles.
+
+    Parameters
+    ----------
+    model : Model
+        The body.
+    position : array (n, 3), m
+        Of its deformed particles.
+
+    Returns
+    -------
+    array (2 cells + 1, 4), m
+        Rows [s, x, y, z]; none for a body without an axis.
     """
     if model.line is None:
         return np.zeros((0, 4))
@@ -62,41 +101,133 @@ def axis_of_particles(model: Model, position: Array) -> Array:
 
 
 def centreline_at(result: Result, s: Array) -> Array:
-    """Positions (m, 3) m of the deformed axis at arc lengths s (m,) m, 0 to the length.
+    """Find points of the deformed axis. They are exact: between the rows of a cell the axis is a parabola.
 
-    Exact: between the rows of a cell the axis is a parabola. Raises ValueError for s outside the body.
+    Parameters
+    ----------
+    result : Result
+        The body.
+    s : array (m,), m
+        Arc lengths, 0 to the length.
+
+    Returns
+    -------
+    array (m, 3), m
+        The points.
+
+    Raises
+    ------
+    ValueError
+        For arc lengths outside the body.
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> from magmpm.results.measures import centreline_at
+    >>> import numpy as np
+    >>> result = magmpm.run(magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2))
+    >>> centreline_at(result, np.array([0.0, 0.02])).shape  # m
+    (2, 3)
     """
     return on_rows(result.centreline[:, 0], result.centreline[:, 1:], s)[0]
 
 
 def largest_distance(result: Result, target: Array) -> float:
-    """Largest distance (m) between the axis and target rows [s, x, y, z] (m, 4) m, at the same arc lengths."""
+    """Find the largest distance between the axis and a target, at the same arc lengths.
+
+    Parameters
+    ----------
+    result : Result
+        The body.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+
+    Returns
+    -------
+    float, m
+        The distance.
+    """
     return float(np.linalg.norm(centreline_at(result, target[:, 0]) - target[:, 1:], axis=1).max())
 
 
 def tip_of(result: Result) -> Array:
-    """The tip (3,) m of a body that has one. Raises InputError for parts that name none."""
+    """Find the tip of a body that has one.
+
+    Parameters
+    ----------
+    result : Result
+        The body.
+
+    Returns
+    -------
+    array (3,), m
+        The tip.
+
+    Raises
+    ------
+    InputError
+        For parts that name none.
+    """
     if result.tip is None:
         raise InputError("tip", received="nothing", rule=NO_TIP, remedy=NAME_ONE)
     return result.tip
 
 
 def named_tip(model: Model, x: Array) -> Array | None:
-    """Position (3,) m of the tip that a body of parts names, with its particles at x (n, 3) m; None where it names none."""
+    """Find the tip that a body of parts names.
+
+    Parameters
+    ----------
+    model : Model
+        The body.
+    x : array (n, 3), m
+        Positions of its particles.
+
+    Returns
+    -------
+    array (3,), m, or None
+        The tip; None where it names none.
+    """
     return None if model.tip_weights is None else model.tip_weights @ x
 
 
 def of_particles(model: Model, x: Array) -> tuple[Array, Array | None, Array]:
-    """Axis rows, tip and centers of regions of a body in motion, as Frames.see takes them. x (n, 3) m: its particles."""
+    """Find what is compared of a body in motion, as Frames.see takes it.
+
+    Parameters
+    ----------
+    model : Model
+        The body.
+    x : array (n, 3), m
+        Positions of its particles.
+
+    Returns
+    -------
+    axis : array (2 cells + 1, 4), m
+        Rows [s, x, y, z]; none for parts.
+    tip : array (3,), m, or None
+        The tip.
+    centers : array (k, 3), m
+        Of the regions.
+    """
     axis = axis_of_particles(model, x)
     return axis, axis[-1, 1:] if len(axis) else named_tip(model, x), region_means(model, x)
 
 
 @dataclass
 class Frames:
-    """Frames of a run to compare: time (s), points (m, 3) m and tip (3,) m of each; and the times (s) of jumps of a path.
+    """Frames of a run to compare.
 
-    Points: of the axis; of parts their centers, and the tip if one is named (None otherwise).
+    Attributes
+    ----------
+    times : list of float, s
+        Of the frames.
+    points : list of array (m, 3), m
+        Of the axis; of parts their centers, and the tip if one is named.
+    tips : list of array (3,), m, or None
+        The tips.
+    jumps : list of float, s
+        Times at which a path jumps.
     """
 
     times: list[float] = field(default_factory=list)
@@ -105,7 +236,19 @@ class Frames:
     jumps: list[float] = field(default_factory=list)
 
     def see(self, time: float, axis: Array, tip: Array | None, centers: Array) -> None:
-        """Add a frame (solving.solve.OnFrame)."""
+        """Add a frame (solving.solve.OnFrame).
+
+        Parameters
+        ----------
+        time : float, s
+            Of the frame.
+        axis : array (2 cells + 1, 4), m
+            Rows [s, x, y, z]; none for parts.
+        tip : array (3,), m, or None
+            The tip.
+        centers : array (k, 3), m
+            Of the regions.
+        """
         self.times.append(time)
         self.tips.append(None if tip is None else np.array(tip))
         if len(axis):
@@ -115,14 +258,36 @@ class Frames:
             self.points.append(centers.copy() if tip is None else np.vstack([centers, tip]))
 
     def ends(self) -> list[Array]:
-        """The tips (3,) m. Raises InputError where the body has none."""
+        """List the tips.
+
+        Returns
+        -------
+        list of array (3,), m
+            One for each frame.
+
+        Raises
+        ------
+        InputError
+            Where the body has none.
+        """
         found = [tip for tip in self.tips if tip is not None]
         if len(found) < len(self.tips):
             raise InputError("tip", received="nothing", rule=NO_TIP, remedy=NAME_ONE)
         return found
 
     def minus(self, other: Frames) -> Frames:
-        """The way from another run's points and tip to these, m, in each frame that both have; times agree but for rounding."""
+        """Find the way from another run's points and tip to these, in each frame that both have; times agree but for rounding.
+
+        Parameters
+        ----------
+        other : Frames
+            The other run.
+
+        Returns
+        -------
+        Frames
+            The ways as frames, m.
+        """
         found = Frames()
         for k, t in enumerate(self.times):
             at = [j for j, u in enumerate(other.times) if math.isclose(t, u, rel_tol=1e-9)]
@@ -138,9 +303,24 @@ class Frames:
     def sizes(
         self, of: str = "centreline", skip: Sequence[tuple[float, float]] = ()
     ) -> dict[float, float]:
-        """The farthest (m) that a point is from the origin in each frame, by its time (s); spans of time (s) to `skip` are left out.
+        """Find how far a point is from the origin at most, in each frame.
 
-        of: tip, for that of tips. Raises InputError where the body has none.
+        Parameters
+        ----------
+        of : str, default 'centreline'
+            "centreline", of all points; or "tip".
+        skip : sequence of (float, float), s, optional
+            Spans of time that are left out.
+
+        Returns
+        -------
+        dict[float, float], s to m
+            The farthest by time.
+
+        Raises
+        ------
+        InputError
+            Where it is to be that of tips, and the body has none.
         """
         vectors = self.ends() if of == "tip" else self.points
         return {
@@ -152,12 +332,38 @@ class Frames:
     def distances(
         self, other: Frames, of: str = "centreline", skip: Sequence[tuple[float, float]] = ()
     ) -> dict[float, float]:
-        """The largest distance (m) in each frame that both have, as `sizes` of `minus`."""
+        """Find the largest distance in each frame that two runs have, as `sizes` of `minus`.
+
+        Parameters
+        ----------
+        other : Frames
+            The other run.
+        of : str, default 'centreline'
+            "centreline", of all points; or "tip".
+        skip : sequence of (float, float), s, optional
+            Spans of time that are left out.
+
+        Returns
+        -------
+        dict[float, float], s to m
+            Distances by time.
+        """
         return self.minus(other).sizes(of, skip)
 
 
 def frames_of(run: Result | Motion) -> Frames:
-    """The frames of a saved motion or path; of a Result its end alone."""
+    """Read the frames of a run.
+
+    Parameters
+    ----------
+    run : Result or Motion
+        A saved motion or path; of a Result its end is the only frame.
+
+    Returns
+    -------
+    Frames
+        The frames.
+    """
     frames = Frames()
     if isinstance(run, Result):
         frames.see(run.time, run.centreline, run.tip, run.segment_center)
@@ -170,8 +376,22 @@ def frames_of(run: Result | Motion) -> Frames:
 
 
 def near_jumps(one: Frames, other: Frames) -> list[tuple[float, float]]:
-    """Spans of time (s) in which two grids of a path may be on different branches: from jump to jump, and as long before and after, since
-    the true jump is not farther from theirs than they are from each other, about (statics.error_estimate).
+    """Find spans of time in which two grids of a path may be on different branches.
+
+    They go from jump to jump, and as long before and after, since the true jump is about as far
+    from theirs as they are from each other, or nearer (statics.error_estimate).
+
+    Parameters
+    ----------
+    one : Frames
+        A run.
+    other : Frames
+        The same on another grid.
+
+    Returns
+    -------
+    list of (float, float), s
+        Begin and end of each span.
     """
     pairs = [(min(a, b), max(a, b)) for a, b in zip(one.jumps, other.jumps)]
     return [(2 * first - last, 2 * last - first) for first, last in pairs]

@@ -28,7 +28,13 @@ from magmpm.results.whole_file import whole_file, write_json
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of Python, magmpm and the packages that compute for it, by name."""
+    """Find the versions of Python, magmpm and the packages that compute for it.
+
+    Returns
+    -------
+    dict[str, str]
+        Versions by name.
+    """
     found = {"python": platform.python_version()}
     for name in ("magmpm", "numpy", "scipy", "numba"):
         try:
@@ -75,7 +81,18 @@ _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
 
 
 def readable(folder: Path) -> bool:
-    """True if both files of a saved result are complete."""
+    """Check whether both files of a saved result are complete.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they are.
+
+    Returns
+    -------
+    bool
+        True if they can be read.
+    """
     try:
         with np.load(folder / ARRAYS) as stored:
             whole = all(
@@ -129,12 +146,113 @@ def _unreadable(folder: Path, error: Exception) -> str:
 
 @dataclass(frozen=True)
 class Result:
-    """One simulation. SI units.
+    """One simulation: the answer, how it was found, and what a user should know of it.
 
-    centreline (2 cells + 1, 4) m: rows [s, x, y, z] at the cells' faces and middles, s along the undeformed axis;
-    tip (3,) m: mean of the end face. Bodies of parts have no rows, and a tip only where the scene names one (body.parts.tip); their
-    places are `positions`. section: relative errors of the particles' area and second moment.
-    seconds: setup, compile, solve. Particle arrays have n rows, segment arrays k.
+    Everything is in SI. The body has n particles and k regions (segments or parts). Of what runs
+    along time the shape is that of its last moment.
+
+    Attributes
+    ----------
+    name : str
+        Of the scene.
+    scene : dict[str, Any]
+        The scene as plain SI data (Scene.to_si).
+    scene_hash : str
+        Scene.hash of the scene that was run.
+    particle_reference : array (n, 3), m
+        Positions of the particles in the undeformed body.
+    particle_position : array (n, 3), m
+        Their positions in the deformed body.
+    particle_volume : array (n,), m^3
+        Their volumes in the undeformed body.
+    particle_segment : array (n,) of int
+        The region that each is in.
+    particle_det_F : array (n,), no unit
+        Determinant of each deformation gradient: volume over undeformed volume.
+    segment_center : array (k, 3), m
+        Centers of the regions in the deformed body, by volume.
+    segment_remanence : array (k, 3), T
+        Mean remanence of each region, carried along by the body: F Br, or R Br where a
+        material's magnetization rotates.
+    grid_correction : array (planes, m), m
+        Spline coefficients of what the solve added to the rod's shape: where another run can
+        start.
+    centreline : array (2 cells + 1, 4), m
+        The axis: rows [s, x, y, z] at the cells' faces and middles, with s along the undeformed
+        axis. No rows for a body of parts.
+    tip : array (3,), m, or None
+        Mean of the end face. Of parts what body.parts.tip names; None if it names nothing.
+    field : array (3,), T
+        The external field at the body's center.
+    converged : bool
+        Whether this is the answer; otherwise it is the last good state.
+    iterations : int
+        Newton steps; of a motion its time steps.
+    particles : int
+        Number of particles.
+    dof : int
+        Number of unknowns of the grid.
+    min_det_F : float, no unit
+        Least of `particle_det_F`.
+    max_det_F : float, no unit
+        Largest of it.
+    energy : float, J
+        Energy, counted from the undeformed body in the same field.
+    section : dict[str, float]
+        Relative errors of the particles' area and second moments, no unit.
+    seconds : dict[str, float]
+        Wall time (s) of setup, compile and solve.
+    warnings : list of str
+        What a user should know, a sentence each.
+    versions : dict[str, str]
+        Versions of Python, magmpm and the packages that compute for it.
+    time : float, s
+        How long a motion or a path has lasted; 0 of an equilibrium.
+    time_step : float, s
+        Of a motion.
+    stable_steps : dict[str, float]
+        Bounds on a motion's time step at its start, s, by what sets them.
+    formulation : {'static', 'quasi_static', 'total'}
+        How the scene was solved; 'total', a motion. Old files also have 'updated'.
+    kinetic_energy : float, J
+        Of a motion at its end.
+    load_share : float, no unit
+        Part of the load (field, weight) that an equilibrium carries: less than 1 if the solve
+        failed on the way.
+    start : str
+        Of an equilibrium, what its solve began from (statics.equilibrium.WAYS): rod, neighbor,
+        given rod, coarser grid, whole load, growing load, growing branch.
+    failure : str
+        Why the run stopped early; empty if it did not.
+    largest_stretch : float, no unit
+        Of any particle; of a motion in any frame.
+    steps : list of dict[str, Any]
+        Of equilibria along time, one each: see docs/motion.md.
+    jumps : list of dict[str, Any]
+        Where a branch of equilibria ended: see docs/motion.md.
+    tightest_radius : float, m, or None
+        Of the bent axis; of a motion in any frame. None: straight, or a body without an axis.
+    stability : float, no unit, or None
+        Smallest eigenvalue of the tangent over that of the unloaded body: 1 at rest, 0 at a
+        critical load. None: not known, as of a motion.
+    error_estimate : float, m, or None
+        Bound of the error that the grid leaves, where the scene requests an error or a time.
+    resolution : dict[str, Any] or None
+        What was chosen for that, and how: see docs/accuracy.md.
+    contacts : dict[str, dict[str, Any]]
+        Of each obstacle at the end: `force` on the body (3,) N, `count` of the points that
+        touch, `depth` (m) of the deepest.
+    effects_chosen : list of dict[str, Any] or None
+        Of `effects: auto`, for each effect whether it was named, and why (docs/effects.md).
+
+    Examples
+    --------
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> result = magmpm.run(scene)
+    >>> folder = result.save("hook")
+    >>> magmpm.Result.load(folder).tip.tolist() == result.tip.tolist()
+    True
     """
 
     name: str
@@ -234,7 +352,7 @@ class Result:
 
     @property
     def positions(self) -> dict[str, Array]:
-        """The centers (3,) m of a body's parts by their names, by volume; none of a body that is not made of parts."""
+        """Centers (3,) m of a body's parts by their names, each the mean by volume; none of a body that is not made of parts."""
         parts = _parts_of(self.scene)
         if parts is None:
             return {}
@@ -248,7 +366,13 @@ class Result:
         return of_result(self)
 
     def summary(self) -> dict[str, Any]:
-        """Content printed by `magmpm run --json`: everything but the particle and grid arrays."""
+        """Return what `magmpm run --json` prints: everything but the particle and grid arrays.
+
+        Returns
+        -------
+        dict[str, Any]
+            Plain data in SI.
+        """
         shown = {
             key: value.tolist() if isinstance(value, np.ndarray) else value
             for key, value in asdict(self).items()
@@ -260,9 +384,18 @@ class Result:
         }
 
     def to_dataframe(self) -> Any:
-        """The axis as a pandas DataFrame with the columns s_m, x_m, y_m and z_m (m); of parts their names in `part` and their centers.
+        """Make a pandas DataFrame of the axis, or of the centers of parts.
 
-        Raises InputError where pandas is not installed.
+        Returns
+        -------
+        pandas.DataFrame
+            The columns s_m, x_m, y_m and z_m (m), a row for each of `centreline`; of parts the
+            columns part, x_m, y_m and z_m.
+
+        Raises
+        ------
+        InputError
+            Where pandas is not installed.
         """
         require("pandas", "dataframe", key="to_dataframe", use="tables")
         frame = import_module("pandas").DataFrame
@@ -272,17 +405,43 @@ class Result:
         return frame(self.centreline, columns=["s_m", "x_m", "y_m", "z_m"])
 
     def mesh(self) -> Any:
-        """The deformed surface as a pyvista.PolyData, in m, with each face's region in `region`. Raises InputError without PyVista."""
+        """Make a PyVista mesh of the deformed surface.
+
+        Returns
+        -------
+        pyvista.PolyData
+            The surface, in m, with each face's region in `region`.
+
+        Raises
+        ------
+        InputError
+            Where PyVista is not installed.
+        """
         require("pyvista", "render", key="mesh", use="meshes of PyVista")
         return import_module("magmpm.viz.from_result").polydata(
             self
         )  # by name: the physics draws nothing
 
     def render(self, path: Path | str, *, target: Array | None = None) -> Path:
-        """Draw the deformed body, and what stands around it, into a PNG, SVG or PDF file, whose folder is made. Returns its path.
+        """Draw the deformed body, and what stands around it, into a file.
 
-        target: points (q, 3) m, or rows [s, x, y, z] (q, 4) m, of a curve to compare the axis with; then also from the top and the side.
-        Raises RenderError where nothing can be drawn.
+        Parameters
+        ----------
+        path : Path or str
+            A PNG, SVG or PDF file, whose folder is made.
+        target : array (q, 3) or (q, 4), m, optional
+            Points, or rows [s, x, y, z], of a curve to compare the axis with; then it is drawn
+            from the top and the side as well.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        RenderError
+            Where nothing can be drawn.
         """
         require("matplotlib", "render", key="render", use="pictures")
         draw = import_module("magmpm.viz.figure_panels").draw_result
@@ -290,13 +449,32 @@ class Result:
         return Path(path)
 
     def not_finite(self) -> list[str]:
-        """Names of the fields that hold a NaN or an infinity, which no valid result has and JSON can't hold."""
+        """Find the fields that hold a NaN or an infinity, which no valid result has and JSON can't hold.
+
+        Returns
+        -------
+        list of str
+            Their names.
+        """
         return [f.name for f in fields(self) if not _finite(getattr(self, f.name))]
 
     def save(self, folder: Path | str) -> Path:
-        """Write the result into a folder, made if missing. Both files appear whole or not at all. Returns the folder.
+        """Write the result into a folder, which is made if missing. Both of its files appear whole or not at all.
 
-        Raises ValueError where a number is not finite, before anything is written.
+        Parameters
+        ----------
+        folder : Path or str
+            Where it is written.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        ValueError
+            Where a number is not finite, before anything is written.
         """
         if wrong := self.not_finite():
             raise ValueError(f"numbers that are not finite in {', '.join(wrong)}")
@@ -315,7 +493,23 @@ class Result:
 
     @classmethod
     def load(cls, folder: Path | str) -> Result:
-        """The result a folder holds. Raises InputError if it holds none, or one that can't be read."""
+        """Read the result that a folder holds.
+
+        Parameters
+        ----------
+        folder : Path or str
+            Where Result.save, or a run, has written it.
+
+        Returns
+        -------
+        Result
+            The result.
+
+        Raises
+        ------
+        InputError
+            If the folder holds none, or one that can't be read.
+        """
         folder = Path(folder)
         try:
             numbers = json.loads(read_regular(folder / NUMBERS, MOST))

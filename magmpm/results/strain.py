@@ -35,7 +35,7 @@ REMEDY = "check the units of loads and of shear_modulus"
 
 @dataclass(frozen=True)
 class Strain:
-    """How far the material of a body is strained.
+    """Strain of a body's material: how far it is stretched, swollen and bent.
 
     Attributes
     ----------

@@ -573,10 +573,25 @@ class Motion:
         return found["Points"]
 
     def render(self, path: Path | str, *, frames: Sequence[int] | None = None) -> Path:
-        """Draw moments side by side into a PNG, SVG or PDF file, or the whole motion as a movie where it is .mp4 or .gif. Returns its path.
+        """Draw moments side by side into a picture, or the whole motion as a movie.
 
-        frames: numbers of the moments; unless given the first, the last, and the one between that is most unlike both.
-        Raises RenderError where nothing can be drawn.
+        Parameters
+        ----------
+        path : Path or str
+            A PNG, SVG or PDF file; a movie where it is .mp4 or .gif.
+        frames : sequence of int, optional
+            Numbers of the moments; unless given the first, the last, and the one between that
+            is most unlike both.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        RenderError
+            Where nothing can be drawn.
         """
         require("matplotlib", "render", key="render", use="pictures")
         draw = import_module("magmpm.viz.figure_panels").draw_motion

@@ -417,7 +417,7 @@ class Scene(Settings):
         return self._field_on_nodes or self._field_around()
 
     def on_field_nodes_of(self, other: Scene) -> Scene:
-        """Make this scene with the magnets' field on the nodes of another scene's table, so that it changes smoothly from one to the other.
+        """Make this scene with the magnets' field on the nodes of another scene's table: from one to the other it changes smoothly.
 
         Parameters
         ----------

@@ -27,8 +27,20 @@ ADDRESS = "address"  # kind of what has no other
 class Variable:
     """One number that a design may change.
 
-    kind: the word that requests it; name: of its own; unit: SI; place: where the scene has it, of a turn its direction. region: index of
-    the segment or part that is turned or made longer; direction (3,): unit tangent toward which the magnetization turns.
+    Attributes
+    ----------
+    kind : str
+        The word that requests it.
+    name : str
+        Of its own.
+    unit : str
+        Its SI unit.
+    place : Place
+        Where the scene has it; of a turn its direction.
+    region : int or None
+        Index of the segment or part that is turned or made longer.
+    direction : tuple of float (3,), no unit, or None
+        Unit tangent toward which the magnetization turns.
     """
 
     kind: str
@@ -49,11 +61,28 @@ class Variable:
         return int(self.place[-1]) if self.kind == "field" else None
 
     def changed(self, scene: Scene, amount: float) -> Scene:
-        """The scene with this variable larger by an amount (rad, T, Pa, m or kg/m^3); scene: one that has the variable.
+        """Make the scene in which this variable is larger.
 
-        A direction d turns along the great circle toward `direction` t: cos(amount) d + sin(amount) t. The bulk modulus stays in
-        proportion to the shear modulus. A segment that gets longer makes its body longer; the other segments keep their lengths, and a
-        tube its bore. Raises InputError where the changed scene breaks a rule.
+        A direction d turns along the great circle toward `direction` t: cos(amount) d + sin(amount)
+        t. The bulk modulus stays in proportion to the shear modulus. A segment that gets longer
+        makes its body longer; the other segments keep their lengths, and a tube its bore.
+
+        Parameters
+        ----------
+        scene : Scene
+            One that has the variable.
+        amount : float, the variable's unit
+            By how much.
+
+        Returns
+        -------
+        Scene
+            The other scene.
+
+        Raises
+        ------
+        InputError
+            Where it breaks a rule.
         """
         if self.kind == "length" and self.region is not None:
             lengths = segment_lengths(scene)
@@ -67,14 +96,38 @@ class Variable:
 
 
 def segment_lengths(scene: Scene) -> list[float]:
-    """Lengths of a straight body's segments, m, base to tip."""
+    """Find the lengths of a straight body's segments.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    list of float, m
+        Base to tip.
+    """
     shape = scene.body.shape
     assert isinstance(shape, StraightBody)
     return shape.segment_lengths()
 
 
 def of_lengths(scene: Scene, lengths: Sequence[float]) -> dict[Place, float]:
-    """Lengths (k,) m of the body's segments at their places, and their sum at that of the body's."""
+    """Put lengths at their places.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    lengths : sequence of float, m
+        Of the segments, base to tip.
+
+    Returns
+    -------
+    dict of place to float, m
+        Each segment's, and their sum at the body's.
+    """
     body = ("body", scene.body.kind)
     found: dict[Place, float] = {(*body, "length"): math.fsum(lengths)}
     for k, length in enumerate(lengths):
@@ -83,9 +136,20 @@ def of_lengths(scene: Scene, lengths: Sequence[float]) -> dict[Place, float]:
 
 
 def tangents(direction: Sequence[float]) -> tuple[Vector, Vector]:
-    """The unit vectors along which a direction (3,) turns: toward growing azimuth about +z, and toward growing elevation.
+    """Find the unit vectors along which a direction turns: toward growing azimuth about +z, and toward growing elevation.
 
-    With a its azimuth (0 at the poles) and e its elevation: (-sin a, cos a, 0) and (-sin e cos a, -sin e sin a, cos e).
+    With a its azimuth (0 at the poles) and e its elevation: (-sin a, cos a, 0) and (-sin e cos a,
+    -sin e sin a, cos e).
+
+    Parameters
+    ----------
+    direction : sequence of float (3,)
+        Of any length.
+
+    Returns
+    -------
+    tuple of (float, float, float), no unit
+        The two.
     """
     x, y, z = direction
     across = math.hypot(x, y)
@@ -97,10 +161,28 @@ def tangents(direction: Sequence[float]) -> tuple[Vector, Vector]:
 
 
 def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, ...]:
-    """The variables of these kinds that a scene has, in the order of `of`; None: all that it has. Raises InputError.
+    """Find the variables that a scene has.
 
-    magnetization: two angles for each magnetized region. field: three components of its uniform part. remanence, shear_modulus, density:
-    one for each material that the body uses. length: one for each segment. diameter: one. What has a dot or a bracket is an address.
+    magnetization: two angles for each magnetized region. field: three components of its uniform
+    part. remanence, shear_modulus, density: one for each material that the body uses. length: one
+    for each segment. diameter: one. What has a dot or a bracket is an address.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    of : sequence of str, optional
+        Their kinds; all that it has unless given.
+
+    Returns
+    -------
+    tuple of Variable
+        In the order of `of`.
+
+    Raises
+    ------
+    InputError
+        For a kind that is not known, or of which the scene has none.
     """
     if of is None:
         return tuple(
@@ -185,10 +267,22 @@ def _differentiable(place: Place) -> bool:
 
 
 def check_differentiable(scene: Scene, *, fed: bool = False) -> None:
-    """Raises InputError for a scene whose answer is not that of one equilibrium: what came before it counts.
+    """Refuse a scene whose answer is not that of one equilibrium: what came before it counts.
 
-    Along a path of equilibria that is friction alone: all else follows its load at each moment, and the past only chooses the branch.
-    fed: whether a catheter may be pushed out of its guide, which equilibria let slide.
+    Along a path of equilibria that is friction alone: all else follows its load at each moment, and
+    the past only chooses the branch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    fed : bool, default False
+        Whether a catheter may be pushed out of its guide, which equilibria let slide.
+
+    Raises
+    ------
+    InputError
+        For a motion, and for paths with friction or feed.
     """
     if scene.solver.dynamic is not None:
         raise InputError(

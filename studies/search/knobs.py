@@ -29,7 +29,15 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Knob(ABC):
-    """One thing that trials turn. name: of its parameter; places: in the scene, which share the value."""
+    """One thing that trials turn.
+
+    Attributes
+    ----------
+    name : str
+        Of its parameter.
+    places : tuple of Place
+        In the scene, which share the value.
+    """
 
     name: str
     places: tuple[Place, ...]
@@ -41,28 +49,93 @@ class Knob(ABC):
 
     @abstractmethod
     def distributions(self) -> dict[str, BaseDistribution]:
-        """Its parameters as Optuna asks for them."""
+        """Describe its parameters for Optuna.
+
+        Returns
+        -------
+        dict[str, BaseDistribution]
+            Distributions by name.
+        """
 
     def blocks(self) -> list[Block]:
-        """Its parameters as Gauss-Newton's steps see them; [] where it turns in steps."""
+        """Describe its parameters for Gauss-Newton's steps.
+
+        Returns
+        -------
+        list of Block
+            Blocks; none where it turns in steps.
+        """
         return []
 
     @abstractmethod
     def at(self, params: Values) -> dict[Place, Any]:
-        """Values that parameters, which may be a step beyond their bounds, write at the places."""
+        """Find the values that parameters, which may be a step beyond their bounds, write into the scene.
+
+        Parameters
+        ----------
+        params : Values
+            Parameters by name.
+
+        Returns
+        -------
+        dict[Place, Any]
+            Values by place.
+        """
 
     def own(self, scene: Scene) -> dict[str, Any]:
-        """Parameters that give the scene's own value; {} where none can."""
+        """Find the parameters that give the scene's own value.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+
+        Returns
+        -------
+        dict[str, Any]
+            Parameters by name; none where none can.
+        """
         return {}
 
     def begun(self, scene: Scene) -> dict[str, Any]:
-        """The same within the bounds: the nearest to the scene's own."""
+        """Find the parameters within the bounds that are nearest to the scene's own value.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+
+        Returns
+        -------
+        dict[str, Any]
+            Parameters by name; none where none can.
+        """
         return self.own(scene)
 
 
 @dataclass(frozen=True)
 class Bounded(Knob):
-    """A number within bounds, in a unit of which it has `scale` SI units; whole: an integer."""
+    """A number within bounds.
+
+    Attributes
+    ----------
+    name : str
+        Of its parameter.
+    places : tuple of Place
+        In the scene, which share the value.
+    low : float, `unit`
+        Least value.
+    high : float, `unit`
+        Greatest value.
+    unit : str
+        In which the parameter is.
+    scale : float
+        How many SI units that is.
+    log : bool
+        Whether its logarithm is drawn evenly.
+    whole : bool
+        Whether it is an integer.
+    """
 
     low: float
     high: float
@@ -107,7 +180,17 @@ class Bounded(Knob):
 
 @dataclass(frozen=True)
 class Choice(Knob):
-    """One of some values."""
+    """One of some values.
+
+    Attributes
+    ----------
+    name : str
+        Of its parameter.
+    places : tuple of Place
+        In the scene, which share the value.
+    values : tuple of object
+        The values.
+    """
 
     values: tuple[Any, ...]
 
@@ -138,11 +221,29 @@ class Choice(Knob):
 
 @dataclass(frozen=True)
 class Turning(Knob):
-    """A direction by azimuth and elevation, or by the angle in a plane, degrees; a vector, with its length in a unit, too.
+    """A direction by azimuth and elevation, or by the angle in a plane; a vector, with its length, too.
 
-    across: the unit vector across the plane; None: two angles. middle, turn: of the angle in the plane, degrees. around: the unit vector
-    about which each place's is turned from the one before, by an equal share of a full turn. longest: in the unit, of which it has `scale`
-    SI units; None: a direction.
+    Attributes
+    ----------
+    name : str
+        Of its parameter.
+    places : tuple of Place
+        In the scene, which share the value.
+    across : tuple of float (3,), no unit, or None
+        Unit vector across the plane; None: two angles.
+    around : tuple of float (3,), no unit, or None
+        Unit vector about which each place's direction is turned from the one before, by an
+        equal share of a full turn.
+    longest : float, `unit`, or None
+        Greatest length of a vector; None: a direction.
+    unit : str
+        Of the length.
+    scale : float
+        How many SI units that is.
+    middle : float, degrees
+        Middle of the angle in the plane.
+    turn : float, degrees
+        By how much it may differ from that.
     """
 
     across: tuple[float, float, float] | None = None
@@ -162,7 +263,18 @@ class Turning(Knob):
         return first, np.cross(n, first)
 
     def angles(self, vector: Sequence[float]) -> list[float] | None:
-        """Angles of a vector, degrees; None for one that is out of the plane."""
+        """Find the angles of a vector.
+
+        Parameters
+        ----------
+        vector : sequence of float (3,)
+            Of any length.
+
+        Returns
+        -------
+        list of float, degrees, or None
+            None for a vector that is out of the plane.
+        """
         if self.across is None:
             return list(angles_of(vector))
         if abs(np.dot(self.across, vector)) > 1e-9 * math.hypot(*vector):
@@ -241,9 +353,27 @@ class Turning(Knob):
 def knobs(
     numbers: Sequence[VaryNumber], scene: Scene, turned: Sequence[Knob] = ()
 ) -> tuple[Knob, ...]:
-    """All that a study turns in a scene: `turned`, and its numbers.
+    """Find all that a study turns in a scene.
 
-    Raises InputError for addresses that are not there, that are varied twice, and bounds that the scene refuses.
+    Parameters
+    ----------
+    numbers : sequence of VaryNumber
+        What the study's file says of numbers.
+    scene : Scene
+        The scene.
+    turned : sequence of Knob, default ()
+        What it turns besides.
+
+    Returns
+    -------
+    tuple of Knob
+        `turned`, and its numbers.
+
+    Raises
+    ------
+    InputError
+        For addresses that are not there, that are varied twice, and bounds that the scene
+        refuses.
     """
     found = list(turned)
     for k, number in enumerate(numbers):
@@ -386,12 +516,43 @@ def _accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) ->
 
 
 def distributions(turned: Sequence[Knob]) -> dict[str, BaseDistribution]:
-    """All parameters as Optuna asks for them."""
+    """Describe all parameters for Optuna.
+
+    Parameters
+    ----------
+    turned : sequence of Knob
+        What the study turns.
+
+    Returns
+    -------
+    dict[str, BaseDistribution]
+        Distributions by name.
+    """
     return {name: one for knob in turned for name, one in knob.distributions().items()}
 
 
 def made(scene: Scene, turned: Sequence[Knob], params: Values) -> Scene:
-    """The scene of a trial's parameters. Raises InputError where its values together break a rule of the scene."""
+    """Make the scene of a trial.
+
+    Parameters
+    ----------
+    scene : Scene
+        The study's scene.
+    turned : sequence of Knob
+        What the study turns.
+    params : Values
+        The trial's parameters by name.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    InputError
+        Where its values together break a rule of the scene.
+    """
     values: dict[Place, Any] = {}
     for knob in turned:
         values |= knob.at(params)

@@ -24,7 +24,18 @@ STRETCH = 1.1  # a target may be this much longer than the part of the catheter 
 
 
 def check_file_name(path: Path) -> None:
-    """The file's name names the folder of results: `..yaml` would name the folder of all of them."""
+    """Check the name of a study's file, which names the folder of results: `..yaml` would name the folder of all of them.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        For a name that can't name a folder.
+    """
     found = folder_fault(path.stem)
     if found is not None:
         where = f"{path}: its name without the ending names the folder of results"
@@ -35,13 +46,39 @@ def check_file_name(path: Path) -> None:
 
 
 def named_in(error: InputError, where: str) -> InputError:
-    """An error in a file that the study names, with the place that names it."""
+    """Add to an error in a file that the study names the place that names it.
+
+    Parameters
+    ----------
+    error : InputError
+        The error.
+    where : str
+        The place.
+
+    Returns
+    -------
+    InputError
+        An error of the same kind.
+    """
     kind = NotThereYet if isinstance(error, NotThereYet) else InputError
     return kind(f"{error}\n  named in: {where}")
 
 
 def place(document: Document, *key: str | int) -> str:
-    """Place of a key: file, line and key."""
+    """Find the place of a key.
+
+    Parameters
+    ----------
+    document : Document
+        The file's content.
+    *key : str or int
+        The key, part by part.
+
+    Returns
+    -------
+    str
+        File, line and key.
+    """
     line = next(
         (document.lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.lines), 1
     )
@@ -49,7 +86,22 @@ def place(document: Document, *key: str | int) -> str:
 
 
 def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
-    """A study turns magnets in a field, so the scene must have magnets, and a field unless that is varied."""
+    """Check that the scene of a study has magnets, and a field unless that is varied: a study turns magnets in a field.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    file : StudyFile
+        What the study's file says.
+    document : Document
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        Where the study can't be made of this scene.
+    """
     if scene.resolution.seconds is not None:
         rule = (
             "the scene of a study gives its cells or an error, not a time: trials are compared on"
@@ -143,10 +195,29 @@ def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
 
 
 def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named: str) -> None:
-    """The target must belong to a catheter of this length that starts at the origin.
+    """Check that the target belongs to a catheter of this length that starts at the origin.
 
-    A silicone catheter bends but hardly stretches. Points at a larger distance than the length of catheter between them show a mistake in
-    the table (units, columns, another catheter), which a search would never reveal.
+    A silicone catheter bends but hardly stretches. Points at a larger distance than the length of
+    catheter between them show a mistake in the table (units, columns, another catheter), which a
+    search would never reveal.
+
+    Parameters
+    ----------
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    scene : Scene
+        The scene.
+    file : StudyFile
+        What the study's file says.
+    csv : Path
+        The target's file, for messages.
+    named : str
+        The place that names it.
+
+    Raises
+    ------
+    InputError
+        For a target that does not belong.
     """
     bounds = file.vary.length
     where = f"{csv} (named in {named})"
@@ -161,7 +232,27 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
 
 
 def check_shape(target: Array, length: float, where: str) -> Array:
-    """The rows (n, 4) m, from s = 0 on, of a shape that a body of a length (m) may be compared with. Raises InputError, about `where`."""
+    """Check a shape that a body may be compared with.
+
+    Parameters
+    ----------
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+    length : float, m
+        Of the body, at most.
+    where : str
+        Its place, for messages.
+
+    Returns
+    -------
+    array (n, 4), m
+        The rows from s = 0 on.
+
+    Raises
+    ------
+    InputError
+        For a shape that no such body can have.
+    """
     if target[-1, 0] > length * (1 + 1e-6):
         received = f"s_mm up to {1e3 * target[-1, 0]:g}"
         rule = f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm"
@@ -286,7 +377,22 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
 
 
 def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
-    """The bounds of what varies must be those of scenes there are. Raises InputError with the number that shows it."""
+    """Check that the bounds of what varies are those of scenes that there are.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    file : StudyFile
+        What the study's file says.
+    document : Document
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        With the number that shows it.
+    """
     try:
         numbers_of(file.vary, scene)
     except InputError as error:

@@ -54,7 +54,18 @@ _EXTRAS = {"cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _
 
 
 def check_available(name: str) -> None:
-    """Raises MissingPackage when a sampler needs a package that is not installed, before any trial has run."""
+    """Refuse a sampler that needs a package that is not installed, before any trial has run.
+
+    Parameters
+    ----------
+    name : str
+        Of the sampler.
+
+    Raises
+    ------
+    MissingPackage
+        Names the package, and what to install.
+    """
     if name in _EXTRAS:
         package, extra = _EXTRAS[name]
         require(
@@ -67,7 +78,18 @@ def check_available(name: str) -> None:
 
 
 def check_suits(study: Study) -> None:
-    """Raises InputError when a study, as the command line has changed it, requests what its sampler can't do."""
+    """Refuse a study, as the command line has changed it, that requests what its sampler can't do.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Raises
+    ------
+    InputError
+        Says what, and which sampler can.
+    """
     if (found := _unsuited(study)) is not None:
         rule, remedy = found
         raise InputError(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy)
@@ -105,12 +127,34 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
 
 
 def within_bounds(study: Study) -> bool:
-    """True if a study's two objectives are the distance and a bound, and its sampler goes through a ladder of bounds."""
+    """Tell whether a study's objectives are the distance and a bound, and its sampler goes through a ladder of bounds.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    bool
+        True if so.
+    """
     return study.sampler == "gauss-newton" and study.minimize[1:] == ("largest_field",)
 
 
 def best_suited(study: Study) -> Study:
-    """The study with the sampler that suits what it requests, and the reason: gauss-newton, or tpe where there is no derivative."""
+    """Give a study the sampler that suits what it requests: gauss-newton, or tpe where there is no derivative.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    Study
+        The study with the sampler, and the reason.
+    """
     newton = study.changed(sampler="gauss-newton")
     found = _unsuited(newton)
     if found is None:
@@ -124,7 +168,20 @@ def best_suited(study: Study) -> Study:
 
 
 def check_workers(workers: int | None, time_limit: float | None = None) -> None:
-    """Raises InputError for a number of workers, or a time limit of their solves (s), that can't be."""
+    """Refuse a number of workers, or a time limit of their solves, that can't be.
+
+    Parameters
+    ----------
+    workers : int or None
+        Their number, or None.
+    time_limit : float, s, optional
+        The limit.
+
+    Raises
+    ------
+    InputError
+        For numbers that can't be.
+    """
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         rule = f"must be from 1 to {MOST_WORKERS}"
         raise InputError(
@@ -148,7 +205,18 @@ def check_workers(workers: int | None, time_limit: float | None = None) -> None:
 
 
 def settings(name: str) -> dict[str, Any]:
-    """A sampler's settings. They belong to the study's definition, because other settings give other trials."""
+    """Find a sampler's settings. They belong to the study's definition, because other settings give other trials.
+
+    Parameters
+    ----------
+    name : str
+        Of the sampler.
+
+    Returns
+    -------
+    dict[str, Any]
+        Its settings by name.
+    """
     if name == "tpe":
         from magmpm.studies.search.samplers.tpe import TpeSettings
 
@@ -163,7 +231,20 @@ def settings(name: str) -> dict[str, Any]:
 
 
 def whole_definition(study: Study, parameters: Iterable[str]) -> dict[str, Any]:
-    """All that decides which trials are made: the study's definition, with its parameters and its sampler's settings."""
+    """Collect all that decides which trials are made: the study's definition, with its parameters and its sampler's settings.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    parameters : iterable of str
+        Their names.
+
+    Returns
+    -------
+    dict[str, Any]
+        Plain data.
+    """
     return {
         **study.definition(),
         "search": {"parameters": list(parameters), **settings(study.sampler)},
@@ -181,10 +262,37 @@ def make_sampler(
     front: bool = False,
     improve: Improve | None = None,
 ) -> BaseSampler:
-    """The sampler that chooses the trial after `finished` trials. Raises InputError for an unknown name.
+    """Make the sampler that chooses the trial after a number of finished trials.
 
-    starts: designs that gauss-newton begins from; goal: the value, m, that it need not go below; front: its trials are to spread over a
-    ladder of bounds of the field, each of which begins with the designs that `improve` makes (bounded_front.BoundedFront).
+    Parameters
+    ----------
+    name : str
+        Of the sampler.
+    space : SearchSpace
+        The search space.
+    seed : int
+        Of the study.
+    finished : int
+        How many trials are finished.
+    starts : sequence of Mapping[str, float], default ()
+        Designs that gauss-newton begins from.
+    goal : float, m, default 0.0
+        The value that gauss-newton need not go below.
+    front : bool, default False
+        Whether its trials are to spread over a ladder of bounds of the field
+        (bounded_front.BoundedFront).
+    improve : Improve, optional
+        Makes the designs with which each of these bounds begins.
+
+    Returns
+    -------
+    BaseSampler
+        The sampler.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
     """
     check_sampler_name(name, "sampler")
     number = int(
@@ -234,7 +342,18 @@ def make_sampler(
 
 
 def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
-    """The blocks of a study as those of the Gauss-Newton sampler, which knows nothing of studies; with the same coordinates."""
+    """Make the blocks of a study as those of the Gauss-Newton sampler, which knows nothing of studies; with the same coordinates.
+
+    Parameters
+    ----------
+    space : SearchSpace
+        The search space.
+
+    Returns
+    -------
+    Coordinates
+        The blocks together.
+    """
     from magmpm.studies.search.samplers import gauss_newton_steps as gn
 
     blocks: list[gn.Block] = []

@@ -23,13 +23,28 @@ DAMPINGS = 24  # tried along the path of steps
 
 @dataclass(frozen=True)
 class Direction:
-    """A unit vector by the names of two angles in degrees: (sin along, cos along cos around, cos along sin around)."""
+    """A unit vector by two angles in degrees: (sin along, cos along cos around, cos along sin around).
+
+    Attributes
+    ----------
+    around : str
+        Name of the first angle.
+    along : str
+        Name of the second.
+    """
 
     around: str
     along: str
     size = 3
 
     def distributions(self) -> dict[str, BaseDistribution]:
+        """Describe the parameters for Optuna.
+
+        Returns
+        -------
+        dict[str, BaseDistribution]
+            Distributions by name.
+        """
         from optuna.distributions import FloatDistribution
 
         return {
@@ -38,24 +53,89 @@ class Direction:
         }
 
     def read(self, params: Mapping[str, float]) -> Array:
+        """Find the coordinates of parameters.
+
+        Parameters
+        ----------
+        params : Mapping[str, float]
+            Values by name.
+
+        Returns
+        -------
+        array (3,)
+            The unit vector.
+        """
         a = math.radians(params[self.around])
         b = math.radians(params[self.along])
         return np.array([math.sin(b), math.cos(b) * math.cos(a), math.cos(b) * math.sin(a)])
 
     def write(self, x: Array) -> dict[str, float]:
+        """Find the parameters of coordinates.
+
+        Parameters
+        ----------
+        x : array (3,)
+            A unit vector.
+
+        Returns
+        -------
+        dict[str, float]
+            Values by name.
+        """
         along = math.atan2(x[0], math.hypot(x[1], x[2]))
         return {self.around: math.degrees(math.atan2(x[2], x[1])), self.along: math.degrees(along)}
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
-        """Basis (size, q) of steps, and their lower and upper bounds (q,)."""
+        """Find the steps that are possible.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Coordinates.
+
+        Returns
+        -------
+        basis : array (size, q)
+            Of the steps.
+        low : array (q,)
+            Their lower bounds.
+        high : array (q,)
+            Their upper bounds.
+        """
         return _across(x), np.full(2, -math.pi), np.full(2, math.pi)
 
     def within(self, x: Array, p: Array) -> Array:
-        """The step p, shortened to what the block allows."""
+        """Shorten a step to what the block allows.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Coordinates.
+        p : array (q,)
+            The step.
+
+        Returns
+        -------
+        array (q,)
+            The allowed step.
+        """
         return p
 
     def moved(self, x: Array, p: Array) -> Array:
-        """The point to which a step leads, along a great circle."""
+        """Find the point to which a step leads, along a great circle.
+
+        Parameters
+        ----------
+        x : array (size,)
+            Coordinates.
+        p : array (q,)
+            The step.
+
+        Returns
+        -------
+        array (size,)
+            Coordinates there.
+        """
         angle = float(np.linalg.norm(p))
         if angle == 0.0:
             return x
@@ -63,7 +143,18 @@ class Direction:
         return np.asarray(there / np.linalg.norm(there))
 
     def anywhere(self, u: Array) -> Array:
-        """The point of uniform density for numbers u (size,) in 0 to 1."""
+        """Find the point of uniform density for numbers from 0 to 1.
+
+        Parameters
+        ----------
+        u : array (size,)
+            The numbers.
+
+        Returns
+        -------
+        array (size,)
+            Coordinates.
+        """
         x = 2 * u[0] - 1
         turn = 2 * math.pi * u[1]
         return np.array(
@@ -73,9 +164,20 @@ class Direction:
 
 @dataclass(frozen=True)
 class Ball:
-    """A vector: strength (cos elevation cos azimuth, cos elevation sin azimuth, sin elevation), angles in degrees.
+    """Vector of a strength: strength (cos elevation cos azimuth, cos elevation sin azimuth, sin elevation), angles in degrees.
 
-    The parameter `strength` is at most `most`; coordinates are in a unit of their own: `unit` for each of the strength's.
+    Attributes
+    ----------
+    strength : str
+        Name of its length.
+    azimuth : str
+        Name of the first angle.
+    elevation : str
+        Name of the second.
+    most : float
+        Greatest strength.
+    unit : float
+        Coordinates are in a unit of their own: this many for each of the strength's.
     """
 
     strength: str
@@ -91,6 +193,13 @@ class Ball:
         return self.most * self.unit
 
     def distributions(self) -> dict[str, BaseDistribution]:
+        """Describe the parameters for Optuna.
+
+        Returns
+        -------
+        dict[str, BaseDistribution]
+            Distributions by name.
+        """
         from optuna.distributions import FloatDistribution
 
         angles = {
@@ -100,6 +209,18 @@ class Ball:
         return {self.strength: FloatDistribution(0.0, self.most), **angles}
 
     def read(self, params: Mapping[str, float]) -> Array:
+        """Find the coordinates of parameters.
+
+        Parameters
+        ----------
+        params : Mapping[str, float]
+            Values by name.
+
+        Returns
+        -------
+        array (3,)
+            The vector.
+        """
         a = math.radians(params[self.azimuth])
         b = math.radians(params[self.elevation])
         return (
@@ -109,6 +230,18 @@ class Ball:
         )
 
     def write(self, x: Array) -> dict[str, float]:
+        """Find the parameters of coordinates.
+
+        Parameters
+        ----------
+        x : array (3,)
+            A vector.
+
+        Returns
+        -------
+        dict[str, float]
+            Values by name.
+        """
         strength = min(float(np.linalg.norm(x)) / self.unit, self.most)
         elevation = math.atan2(x[2], math.hypot(x[0], x[1]))
         return {
@@ -118,6 +251,22 @@ class Ball:
         }
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        """Find the steps that are possible, in shares of the radius.
+
+        Parameters
+        ----------
+        x : array (3,)
+            Coordinates.
+
+        Returns
+        -------
+        basis : array (3, 3)
+            Outward, and two directions across.
+        low : array (3,)
+            Lower bounds of the steps.
+        high : array (3,)
+            Their upper bounds.
+        """
         size = float(np.linalg.norm(x))
         outward = np.asarray(x / size) if size > 0.0 else np.array([1.0, 0.0, 0.0])
         basis = self.radius * np.column_stack([outward, _across(outward)])
@@ -129,21 +278,73 @@ class Ball:
         )
 
     def within(self, x: Array, p: Array) -> Array:
+        """Shorten a step to what the ball allows.
+
+        Parameters
+        ----------
+        x : array (3,)
+            Coordinates.
+        p : array (3,)
+            The step.
+
+        Returns
+        -------
+        array (3,)
+            The allowed step.
+        """
         basis = self.tangent(x)[0] / self.radius
         there = x / self.radius + basis @ p
         size = float(np.linalg.norm(there))
         return p if size <= 1.0 else np.asarray(basis.T @ (there / size - x / self.radius))
 
     def moved(self, x: Array, p: Array) -> Array:
+        """Find the point to which a step leads.
+
+        Parameters
+        ----------
+        x : array (3,)
+            Coordinates.
+        p : array (3,)
+            The step.
+
+        Returns
+        -------
+        array (3,)
+            Coordinates there.
+        """
         return np.asarray(x + self.tangent(x)[0] @ p)
 
     def anywhere(self, u: Array) -> Array:
+        """Find the point of uniform density for numbers from 0 to 1.
+
+        Parameters
+        ----------
+        u : array (3,)
+            The numbers.
+
+        Returns
+        -------
+        array (3,)
+            Coordinates.
+        """
         return self.radius * u[2] ** (1 / 3) * Direction("", "").anywhere(u)
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number from low to high; its coordinate is its place between them, 0 to 1; log: that of its logarithm."""
+    """A number from low to high; its coordinate is its place between them, 0 to 1.
+
+    Attributes
+    ----------
+    name : str
+        Of the parameter.
+    low : float
+        Least value.
+    high : float
+        Greatest value.
+    log : bool
+        Whether the coordinate is the place of the number's logarithm.
+    """
 
     name: str
     low: float
@@ -152,17 +353,48 @@ class Number:
     size = 1
 
     def distributions(self) -> dict[str, BaseDistribution]:
+        """Describe the parameter for Optuna.
+
+        Returns
+        -------
+        dict[str, BaseDistribution]
+            Its distribution by name.
+        """
         from optuna.distributions import FloatDistribution
 
         return {self.name: FloatDistribution(self.low, self.high, log=self.log)}
 
     def read(self, params: Mapping[str, float]) -> Array:
+        """Find the coordinate of the parameter.
+
+        Parameters
+        ----------
+        params : Mapping[str, float]
+            Values by name.
+
+        Returns
+        -------
+        array (1,)
+            The place between the bounds.
+        """
         value = params[self.name]
         if self.log:
             return np.array([math.log(value / self.low) / math.log(self.high / self.low)])
         return np.array([(value - self.low) / (self.high - self.low)])
 
     def write(self, x: Array) -> dict[str, float]:
+        """Find the parameter of the coordinate.
+
+        Parameters
+        ----------
+        x : array (1,)
+            The place between the bounds.
+
+        Returns
+        -------
+        dict[str, float]
+            The value by name.
+        """
         place = float(x[0])
         value = self.low + place * (self.high - self.low)
         if self.log:
@@ -170,15 +402,71 @@ class Number:
         return {self.name: min(max(value, self.low), self.high)}
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        """Find the steps that are possible.
+
+        Parameters
+        ----------
+        x : array (1,)
+            The coordinate.
+
+        Returns
+        -------
+        basis : array (1, 1)
+            One.
+        low : array (1,)
+            Lower bound of the step.
+        high : array (1,)
+            Its upper bound.
+        """
         return np.eye(1), np.minimum(-x, 0.0), np.maximum(1.0 - x, 0.0)
 
     def within(self, x: Array, p: Array) -> Array:
+        """Return a step as it is: its bounds are those of `tangent`.
+
+        Parameters
+        ----------
+        x : array (1,)
+            The coordinate.
+        p : array (1,)
+            The step.
+
+        Returns
+        -------
+        array (1,)
+            The step.
+        """
         return p
 
     def moved(self, x: Array, p: Array) -> Array:
+        """Find the coordinate to which a step leads.
+
+        Parameters
+        ----------
+        x : array (1,)
+            The coordinate.
+        p : array (1,)
+            The step.
+
+        Returns
+        -------
+        array (1,)
+            The coordinate there.
+        """
         return np.asarray(x + p)
 
     def anywhere(self, u: Array) -> Array:
+        """Return a number from 0 to 1, which is a coordinate of uniform density.
+
+        Parameters
+        ----------
+        u : array (1,)
+            The number.
+
+        Returns
+        -------
+        array (1,)
+            The coordinate.
+        """
         return u
 
 
@@ -196,7 +484,17 @@ def _across(unit: Array) -> Array:
 
 @dataclass(frozen=True)
 class Step:
-    """A step p (q,) in the tangent space, its length, and the decrease of the sum of squares that the linear model promises."""
+    """A step in the tangent space.
+
+    Attributes
+    ----------
+    p : array (q,)
+        The step.
+    length : float
+        Its length.
+    promised : float
+        The decrease of the sum of squares that the linear model promises.
+    """
 
     p: Array
     length: float
@@ -204,7 +502,13 @@ class Step:
 
 
 class Coordinates:
-    """All blocks together: parameters, their k coordinates, and steps in them."""
+    """All blocks together: parameters, their k coordinates, and steps in them.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Directions, balls and numbers, in the order of their coordinates.
+    """
 
     def __init__(self, blocks: Sequence[Block]) -> None:
         self.blocks = tuple(blocks)
@@ -216,18 +520,51 @@ class Coordinates:
         self.size = int(ends[-1])
 
     def read(self, params: Mapping[str, float]) -> Array:
-        """Coordinates (k,) of parameters."""
+        """Find the coordinates of parameters.
+
+        Parameters
+        ----------
+        params : Mapping[str, float]
+            Values by name.
+
+        Returns
+        -------
+        array (k,)
+            The coordinates.
+        """
         return np.concatenate([block.read(params) for block in self.blocks])
 
     def write(self, x: Array) -> dict[str, float]:
-        """Parameters of coordinates (k,)."""
+        """Find the parameters of coordinates.
+
+        Parameters
+        ----------
+        x : array (k,)
+            The coordinates.
+
+        Returns
+        -------
+        dict[str, float]
+            Values by name.
+        """
         found: dict[str, float] = {}
         for block, place in zip(self.blocks, self.places, strict=True):
             found.update(block.write(x[place]))
         return found
 
     def anywhere(self, u: Array) -> Array:
-        """A point for numbers u (k,) in 0 to 1; uniform in them is uniform on spheres, in balls and between bounds."""
+        """Find a point for numbers from 0 to 1; uniform in them is uniform on spheres, in balls and between bounds.
+
+        Parameters
+        ----------
+        u : array (k,)
+            The numbers.
+
+        Returns
+        -------
+        array (k,)
+            Coordinates.
+        """
         return np.concatenate(
             [
                 block.anywhere(u[place])
@@ -236,7 +573,22 @@ class Coordinates:
         )
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
-        """Basis (k, q) of the steps at x, and their lower and upper bounds (q,)."""
+        """Find the steps that are possible.
+
+        Parameters
+        ----------
+        x : array (k,)
+            Coordinates.
+
+        Returns
+        -------
+        basis : array (k, q)
+            Of the steps.
+        low : array (q,)
+            Their lower bounds.
+        high : array (q,)
+            Their upper bounds.
+        """
         parts = [
             block.tangent(x[place]) for block, place in zip(self.blocks, self.places, strict=True)
         ]
@@ -258,14 +610,47 @@ class Coordinates:
         return np.split(p, ends[:-1])
 
     def moved(self, x: Array, p: Array) -> Array:
-        """Point to which a step leads."""
+        """Find the point to which a step leads.
+
+        Parameters
+        ----------
+        x : array (k,)
+            Coordinates.
+        p : array (q,)
+            The step.
+
+        Returns
+        -------
+        array (k,)
+            Coordinates there.
+        """
         parts = zip(self.blocks, self.places, self._split(p), strict=True)
         return np.concatenate([block.moved(x[place], part) for block, place, part in parts])
 
     def step(
         self, x: Array, residuals: Array, jacobian: Array, radius: float, curvature: float = 0.0
     ) -> Step:
-        """The step that promises most within the bounds and the radius. curvature: see `_trusted`."""
+        """Find the step that promises most within the bounds and the radius.
+
+        Parameters
+        ----------
+        x : array (k,)
+            Coordinates.
+        residuals : array (m,)
+            Residuals there.
+        jacobian : array (m, k)
+            Their derivatives.
+        radius : float
+            Greatest length of the step.
+        curvature : float, default 0.0
+            A guess of half the second derivative of the residuals along a step (see
+            `_trusted`).
+
+        Returns
+        -------
+        Step
+            The step.
+        """
         basis, low, high = self.tangent(x)
         J = jacobian @ basis
         p = _trusted(J, residuals, (low, high), radius, curvature)
@@ -275,7 +660,20 @@ class Coordinates:
         return Step(p, float(np.linalg.norm(p)), float(residuals @ residuals - left @ left))
 
     def curvature(self, x: Array, jacobian: Array) -> float:
-        """A guess of half the second derivative of the residuals along a step: for angles it is of the order of the first."""
+        """Guess half the second derivative of the residuals along a step: for angles it is of the order of the first.
+
+        Parameters
+        ----------
+        x : array (k,)
+            Coordinates.
+        jacobian : array (m, k)
+            Derivatives of the residuals.
+
+        Returns
+        -------
+        float
+            The guess.
+        """
         return float(np.mean(np.linalg.norm(jacobian @ self.tangent(x)[0], axis=0))) / 2
 
 
