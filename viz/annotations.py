@@ -32,7 +32,7 @@ FIELD_LENGTH = 1.7
 LONGEST_TITLE = 46
 LONGEST_MARKED = 28
 # of a legend
-ROWS = 3
+LEGEND_ROWS = 3
 MOST_ROWS = 4
 
 
@@ -208,8 +208,10 @@ def written(image: np.ndarray, snapshot: Snapshot, views: Views, layout: Layout)
     place = layout.legend
     if place is not None:
         found = legend(snapshot, list(zip(views.mains, aspects)))
-        rows = max(ROWS, -(-len(found) // 2))
-        step, top = (place.row, place.top) if rows == ROWS else (0.75 * place.row, place.top + 0.01)
+        rows = max(LEGEND_ROWS, -(-len(found) // 2))
+        step, top = (
+            (place.row, place.top) if rows == LEGEND_ROWS else (0.75 * place.row, place.top + 0.01)
+        )
         for i, sign in enumerate(found):
             text = (
                 sign.text.removesuffix(f" {style.POLES}").split()[-1] if place.short else sign.text

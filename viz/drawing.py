@@ -17,14 +17,14 @@ from magmpm.viz.camera import Framing, View
 from magmpm.viz.layout import Layout, Panel, Views
 from magmpm.viz.snapshot import Balls, DrawnSolid, Snapshot
 
-THIN = (
+THIN_LINE = (
     2e-3  # of the body's length: a step between flat layers; closer ones would fight for one depth
 )
 
 
 @dataclass(frozen=True)
 class Layer:
-    """order: what is drawn later hides what was drawn before. steps, share: how far toward the camera, in THIN and in its distance."""
+    """order: what is drawn later hides what was drawn before. steps, share: how far toward the camera, in THIN_LINE and in its distance."""
 
     order: float
     steps: float = 0.0
@@ -102,7 +102,7 @@ def draw(
 ) -> np.ndarray:
     """The snapshot as an image (height, width, 3) uint8 of that width and height."""
     views = Views.of(framing, layout, size[0] / size[1])
-    canvas.clear(size, THIN * snapshot.length)
+    canvas.clear(size, THIN_LINE * snapshot.length)
     for place, view in zip(layout.mains, views.mains):
         main = canvas.panel(place, view, framing.reach)
         _floor(main, snapshot, framing)

@@ -14,7 +14,7 @@ from magmpm.results.motion_tables import PAIR
 from magmpm.scene import Scene
 from magmpm.viz.body import DrawnBody
 from magmpm.viz.camera import Framing, best_direction, extremes
-from magmpm.viz.obstacles import REACH, ground, in_reach, sources, standing, surfaces
+from magmpm.viz.obstacles import REACH_OF_VIEW, ground, in_reach, sources, standing, surfaces
 from magmpm.viz.snapshot import DrawnSolid, History, Snapshot
 
 DONE = {
@@ -22,7 +22,7 @@ DONE = {
     "bifurcation": "buckled",
 }  # what a body did where a branch of equilibria ended
 # in place of obstacles.REACH for a few moments, where a source is shown before it has come near
-FAR = 3.5
+REACH_OF_MOMENTS = 3.5
 
 
 def scene_of(data: Mapping[str, Any] | None) -> Scene | None:
@@ -120,7 +120,7 @@ class MotionRenderer:
         near = [any(source.framed for source in same) for same in zip(*ends)]
         seen = [self.framing.points]
         for time in self.motion.times[np.asarray(numbers, dtype=int)]:
-            there = self._sources(float(time), FAR)
+            there = self._sources(float(time), REACH_OF_MOMENTS)
             seen += [
                 _near(source, self._around, 0.0)
                 for source, comes in zip(there, near)
@@ -128,7 +128,7 @@ class MotionRenderer:
             ]
         return replace(self.framing, points=np.vstack(seen))
 
-    def _sources(self, time: float, reach: float = REACH) -> list[DrawnSolid]:
+    def _sources(self, time: float, reach: float = REACH_OF_VIEW) -> list[DrawnSolid]:
         return in_reach(sources(self._scene, time), self._around, reach * self.body.length)
 
     def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from magmpm.viz.binding import gradients
 from magmpm.viz.body import DrawnBody
 from magmpm.viz.from_motion import MotionRenderer, gravity_of, scene_of
 from magmpm.viz.meshes import TriangleSurface
-from magmpm.viz.obstacles import REACH, in_reach, sources, standing
+from magmpm.viz.obstacles import REACH_OF_VIEW, in_reach, sources, standing
 from magmpm.viz.snapshot import Balls, Snapshot, spread
 
 MAX_PARTICLES = 40_000
@@ -119,7 +119,7 @@ def trial_snapshot(
     mark, share = failure(result)
     if not mark and trial is None:  # a trial's caption is its number
         mark = beyond(result)
-    obstacles = standing(scene) + in_reach(sources(scene), reference, REACH * length)
+    obstacles = standing(scene) + in_reach(sources(scene), reference, REACH_OF_VIEW * length)
     return Snapshot(
         body=_surface(result, scene) if smooth else _particles(result, scene, max_particles),
         magnetized=strength > 1e-9 * max(float(strength.max(initial=0.0)), 1e-12),

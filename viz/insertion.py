@@ -18,9 +18,9 @@ from magmpm.viz.meshes import TriangleSurface, swept
 from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
 # longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
-FIELD = 0.15
+LONGEST_FIELD_OF_DEPTH = 0.15
 GUIDE = 3.0
-FINE = 80  # points of an axis as it is drawn
+AXIS_POINTS_DRAWN = 80  # points of an axis as it is drawn
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class InsertionPictures:
         """The part outside the guide; its parts are the catheter's segments."""
         axis = np.array(frame["axis_m"]) + shift
         s = np.linspace(0.0, 1.0, len(axis))
-        fine = np.linspace(0.0, 1.0, FINE)
+        fine = np.linspace(0.0, 1.0, AXIS_POINTS_DRAWN)
         line = np.stack([np.interp(fine, s, column) for column in axis.T], axis=1)
         radius = self.catheter["diameter"] / 2
         surface = swept(line, radius)
@@ -50,11 +50,13 @@ class InsertionPictures:
         cap = np.stack(
             [np.full(around, around), np.arange(around), (np.arange(around) + 1) % around], axis=1
         ).astype(np.int32)
-        place = frame["depth_m"] * (np.arange(FINE - 1) + 0.5) / (FINE - 1)
+        place = (
+            frame["depth_m"] * (np.arange(AXIS_POINTS_DRAWN - 1) + 0.5) / (AXIS_POINTS_DRAWN - 1)
+        )
         part = self._segments(frame["depth_m"])(place)
         rings = surface.triangles.min(axis=1) // around
         whole = TriangleSurface(
-            surface.points, surface.triangles, part[np.minimum(rings, FINE - 2)]
+            surface.points, surface.triangles, part[np.minimum(rings, AXIS_POINTS_DRAWN - 2)]
         )
         return TriangleSurface.joined(
             [whole, TriangleSurface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))]
@@ -132,7 +134,7 @@ class InsertionPictures:
         """An arrow of each depth's field behind its guide, as long as it is strong, with depth and strength in words below it."""
         fields = np.array([frame["field_T"] for frame in frames], dtype=float)
         strength = np.linalg.norm(fields, axis=1)
-        longest = FIELD * float(self.path[-1, 0])
+        longest = LONGEST_FIELD_OF_DEPTH * float(self.path[-1, 0])
         vectors = longest * fields / max(float(strength.max()), 1e-300)
         places = np.array(shifts) - [GUIDE * self.catheter["diameter"] + 0.7 * longest, 0.0, 0.0]
         words = [

@@ -26,7 +26,7 @@ NO_FFMPEG = f"imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: {
 _LASTS = 6.0
 _SLOWEST = 8.0
 _FASTEST = 25.0
-MOST_FRAMES = 500
+MOST_FRAMES_SHOWN = 500
 _HOLD = 1.0  # s that the last moment stands
 
 # Seconds that a best shape stands still, that the last one stands, and that one fades into the next.
@@ -80,7 +80,7 @@ def movie(
     GIF of the same name is written. Raises RenderError.
     """
     _even(size)
-    numbers = chosen(len(motion), MOST_FRAMES)
+    numbers = chosen(len(motion), MOST_FRAMES_SHOWN)
     fps = fps or rate(len(numbers))
     slower = pace(motion.motion.times[numbers], fps)
 

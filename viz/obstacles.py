@@ -20,8 +20,8 @@ from magmpm.viz import style
 from magmpm.viz.meshes import TriangleSurface, ball, bar, circle, creased, refined, swept, tube
 from magmpm.viz.snapshot import DrawnSolid, Plane
 
-AROUND = 48
-REACH = 2.5  # how far from the body, in its lengths, a source may be to be in view
+POINTS_AROUND_TUBE = 48
+REACH_OF_VIEW = 2.5  # how far from the body, in its lengths, a source may be to be in view
 
 
 def ground(scene: Scene | None) -> Plane | None:
@@ -46,7 +46,7 @@ def standing(scene: Scene | None) -> list[DrawnSolid]:
         )
     if feed is not None:
         path = np.array([[-0.05 * scene.length, 0.0, 0.0], [feed.exit, 0.0, 0.0]])
-        guide = swept(path, 0.75 * scene.thickness, AROUND)
+        guide = swept(path, 0.75 * scene.thickness, POINTS_AROUND_TUBE)
         found.append(
             DrawnSolid(
                 "guide", guide.points, guide.triangles, style.CLAMP, hollow=True, framed=False
@@ -64,7 +64,7 @@ def _clamps(scene: Scene) -> Iterator[DrawnSolid]:
     depth = style.CLAMP_THICKNESS * max(thick, 0.1 * shape.length)
     for name, at in (("base", -depth), ("tip", shape.length))[: 2 if shape.clamp == "both" else 1]:
         if scene.body.strip is None:
-            plate = tube([depth], style.CLAMP_RADIUS * thick, 0.0, 0.25 * thick, AROUND)
+            plate = tube([depth], style.CLAMP_RADIUS * thick, 0.0, 0.25 * thick, POINTS_AROUND_TUBE)
         else:
             grown = 2 * style.CLAMP_RADIUS * thick
             plate = bar([depth], scene.body.strip.width + grown - thick, 1.8 * grown, depth)
@@ -100,7 +100,8 @@ def _sources(field: FieldSource) -> Iterator[DrawnSolid]:
         kind = "magnet" if dipole.diameter else "dipole"
         # 1.3 T: a point dipole is drawn as the sphere of this remanence that makes its moment
         shape = ball(
-            dipole.diameter / 2 if dipole.diameter else (3e-7 * strength / 1.3) ** (1 / 3), AROUND
+            dipole.diameter / 2 if dipole.diameter else (3e-7 * strength / 1.3) ** (1 / 3),
+            POINTS_AROUND_TUBE,
         )
         frame = frame_of((moment / strength).tolist() if strength else (0.0, 0.0, 1.0))
         yield from _halves(f"{kind} {style.POLES}", _upright(shape), frame, dipole.position)
@@ -121,7 +122,7 @@ def _magnet(solid: Solid, remanence: np.ndarray) -> TriangleSurface:
     """A magnet in its own frame: part 0 is its south, part 1 its north half; remanence (3,) T, in space."""
     a, b, c = (float(half) for half in solid.half)
     shape = (
-        tube([c, 2 * c], a, 0.0, 2 * c, AROUND)
+        tube([c, 2 * c], a, 0.0, 2 * c, POINTS_AROUND_TUBE)
         if solid.round
         else bar([c, 2 * c], 2 * a, 2 * b, min(a, b))
     )

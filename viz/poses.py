@@ -18,10 +18,10 @@ from magmpm.viz.meshes import TriangleSurface, circle, lofted, ring_sections
 from magmpm.viz.obstacles import standing
 from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
-AROUND = 32  # points around a round section
-FINE = 80  # points of an axis as it is drawn
-GAP = 0.2  # between two bodies, of the length
-FIELD = 0.15  # the longest arrow of a time's field, of the length
+POINTS_AROUND_SECTION = 32  # points around a round section
+AXIS_POINTS = 80  # points of an axis as it is drawn
+GAP_BETWEEN_BODIES = 0.2  # between two bodies, of the length
+LONGEST_FIELD_OF_POSE = 0.15  # the longest arrow of a time's field, of the length
 
 
 def poses_snapshot(
@@ -84,13 +84,13 @@ def _shifts(poses: Sequence[Mapping[str, Any]], length: float, width: float) -> 
     for pose in poses:
         across = np.concatenate([np.array(pose["axis_m"])[:, 1], np.array(pose["target_m"])[:, 1]])
         shifts.append(np.array([0.0, free - across.max(), 0.0]))
-        free += across.min() - across.max() - width - GAP * length
+        free += across.min() - across.max() - width - GAP_BETWEEN_BODIES * length
     return shifts
 
 
 def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
     """The section of a straight body along an axis (n, 3) m; its parts are the body's segments."""
-    at = np.linspace(0.0, 1.0, FINE)
+    at = np.linspace(0.0, 1.0, AXIS_POINTS)
     share = np.linspace(0.0, 1.0, len(axis))
     line = np.stack([np.interp(at, share, column) for column in axis.T], axis=1)
     faces, flat = _section(scene)
@@ -103,7 +103,9 @@ def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
         )
         piece = side.triangles.min(axis=1) // len(face)
         pieces.append(
-            TriangleSurface(side.points, side.triangles, of_piece[np.minimum(piece, FINE - 2)])
+            TriangleSurface(
+                side.points, side.triangles, of_piece[np.minimum(piece, AXIS_POINTS - 2)]
+            )
         )
     outline = np.vstack([face[:1] for face in faces]) if flat else faces[0]
     for end, backward in ((0, True), (-1, False)):
@@ -125,7 +127,7 @@ def _section(scene: Scene) -> tuple[list[np.ndarray], bool]:
     """The faces of a section, each points (n, 3) m with x = 0, counter-clockwise as seen from the tip; whether they are flat."""
     strip = scene.body.strip
     if strip is None:
-        return [circle(scene.thickness / 2, AROUND)], False
+        return [circle(scene.thickness / 2, POINTS_AROUND_SECTION)], False
     corners = np.array([[0.0, y, z] for y, z in ((1, 1), (-1, 1), (-1, -1), (1, -1))]) * [
         0.0,
         strip.width / 2,
@@ -160,7 +162,7 @@ def _fields(
     """An arrow of each time's field behind the base, as long as it is strong, and below it time and strength in words."""
     fields = np.array([pose["field_T"] for pose in poses], dtype=float)
     strength = np.linalg.norm(fields, axis=1)
-    longest = FIELD * length
+    longest = LONGEST_FIELD_OF_POSE * length
     vectors = longest * fields / max(float(strength.max()), 1e-300)
     places = np.array(shifts) - [0.2 * length + longest, 0.0, 0.0]
     words = [

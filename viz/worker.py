@@ -55,7 +55,7 @@ GAVE_UP = (
 
 # s that the drawing process gets to start, and to end by itself
 STARTING = 60.0
-CLOSING = 1.0
+SECONDS_TO_END = 1.0
 
 # After so many pictures in a row that PyVista could not draw even after a restart, it is not tried again.
 MOST_FAILURES = 3
@@ -270,7 +270,7 @@ class Renderer:
                 f"PyVista: {error}; matplotlib: the drawing process {death}"
             ) from None
         finally:
-            spare.end(CLOSING)
+            spare.end(SECONDS_TO_END)
 
     def _ready_worker(self) -> Worker:
         """The worker, started if it is not; goes down the list of windows, then to matplotlib."""
@@ -310,5 +310,5 @@ class Renderer:
 
     def _drop_worker(self) -> None:
         if self._worker is not None:
-            self._worker.end(CLOSING)
+            self._worker.end(SECONDS_TO_END)
             self._worker = None

@@ -35,7 +35,7 @@ from magmpm.viz import style
 from magmpm.viz.camera import Framing
 from magmpm.viz.figure_panels import composed, figure
 from magmpm.viz.from_motion import MotionRenderer
-from magmpm.viz.movies import MOST_FRAMES, chosen, frames_movie
+from magmpm.viz.movies import MOST_FRAMES_SHOWN, chosen, frames_movie
 from magmpm.viz.picture_file import save_image
 from magmpm.viz.worker import Renderer
 
@@ -137,7 +137,7 @@ def draw_moments(name: str, folders: Sequence[Path]) -> None:
             texts = [words(motion.motion, k) for motion in motions]
             return composed(shown, renderer, len(motions), style.MOVIE_SIZE[0], texts, framing)
 
-        frames = chosen(min(len(motion) for motion in motions), MOST_FRAMES)
+        frames = chosen(min(len(motion) for motion in motions), MOST_FRAMES_SHOWN)
         frames_movie(folders[0] / "movie.mp4", side_by_side, frames)
 
 

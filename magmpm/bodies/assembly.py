@@ -26,7 +26,7 @@ from magmpm.bodies.contact_solid import NEEDLE, Solids, meets, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, cut, parts_surface
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.mesh_quadrature import (
-    TOUCHING,
+    TOUCHING_DISTANCE,
     connected_components,
     grid_of_parts,
     part_errors,
@@ -63,12 +63,14 @@ else:
     ]
 
 MAX_PARTS = 1000
-SHOWN = 8  # names that a message lists
+MOST_NAMES_LISTED = 8  # names that a message lists
 UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
 MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
 LEAST_CELLS = 2  # through the thinnest part
 HELD_EDGE = 0.25  # of a cell: longest edge of triangles whose points tell where a face is held
-COARSE = 16  # times that: longest edge of those that are left out where no held part is near
+LONGEST_LEFT_OUT_EDGE = (
+    16  # times that: longest edge of those that are left out where no held part is near
+)
 INSIDE = (
     np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6
 )  # three points in a triangle, exact for quadratic functions
@@ -244,7 +246,9 @@ class Parts(BodyShape):
             if self.tip not in moving:
                 held = self.tip in names
                 near = difflib.get_close_matches(self.tip, moving, n=1)
-                listed = ", ".join(moving[:SHOWN]) + (", ..." if len(moving) > SHOWN else "")
+                listed = ", ".join(moving[:MOST_NAMES_LISTED]) + (
+                    ", ..." if len(moving) > MOST_NAMES_LISTED else ""
+                )
                 raise fault(
                     "the tip must be"
                     f" {'a part that moves' if held else 'the name of a part that moves'}:"
@@ -258,7 +262,7 @@ class Parts(BodyShape):
                 )
         elif self.tip is not None:
             far, nearest = self._nearest(np.array(self.tip))
-            if far > TOUCHING * self.length:
+            if far > TOUCHING_DISTANCE * self.length:
                 raise fault(
                     "the tip must be a point in or on a part that moves: "
                     f"this is {length(far)} away from {self.part_names()[nearest]}, the nearest",
@@ -270,7 +274,7 @@ class Parts(BodyShape):
     def _nearest(self, point: Array) -> tuple[float, int]:
         """Distance (m) of the part nearest to a point (3,) m, of those that can move, and its number."""
         unit = UNITS[self.unit]
-        small = TOUCHING * self.length / unit
+        small = TOUCHING_DISTANCE * self.length / unit
         free = [i for i, part in enumerate(self.meshes) if not part.clamp]
         far = [unit * (distance_to(self.meshes[i].mesh, point / unit, small) + small) for i in free]
         nearest = int(np.argmin(far))
@@ -436,7 +440,7 @@ class Parts(BodyShape):
             if part.clamp:
                 continue
             within = reach[k]
-            coarse = cut(mesh[meets(mesh, held, within)], COARSE * longest)
+            coarse = cut(mesh[meets(mesh, held, within)], LONGEST_LEFT_OUT_EDGE * longest)
             pieces = cut(_pieces_near(coarse, held, within), longest)
             places = np.ascontiguousarray((INSIDE @ pieces).reshape(-1, 3))
             on = to_triangles(places, held) <= within
@@ -457,7 +461,7 @@ class Parts(BodyShape):
         Parts that hang on nothing else and are less than two cells from a held part move as if joined to it: their faces across the gap are
         held, and half a gap beyond its narrowest place.
         """
-        touching = TOUCHING * self.length
+        touching = TOUCHING_DISTANCE * self.length
         held = np.array([part.clamp for part in self.meshes])
         component = self._component()
         gap = self._gaps(3 * cell)[:, held].min(axis=1)
@@ -473,7 +477,7 @@ class Parts(BodyShape):
             for one in range(int(component.max()) + 1)
         ]
         outlines = [[scale * outline(self.meshes[k].mesh, thin) for k in of] for of in parts]
-        return mesh_solids(outlines, cell, TOUCHING * self.length)
+        return mesh_solids(outlines, cell, TOUCHING_DISTANCE * self.length)
 
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
         return particles.segment
@@ -483,7 +487,7 @@ class Parts(BodyShape):
         return connected_components(self._touching(), particles.cell, particles.segment)
 
     def _touching(self) -> NDArray[np.bool_]:
-        near = TOUCHING * self.length
+        near = TOUCHING_DISTANCE * self.length
         return self._gaps(2 * near) <= near
 
     @property
@@ -516,7 +520,7 @@ class Parts(BodyShape):
         """Warnings of parts, or solids of one part, that share nodes of the grid and do not touch."""
         regions = self.regions()
         gaps = self._gaps(3 * cell)
-        least = TOUCHING * self.length
+        least = TOUCHING_DISTANCE * self.length
         unit = UNITS[self.unit]
         told = []
         for part, region in zip(

@@ -22,15 +22,17 @@ PLACES = np.vstack(
 )  # in a triangle, as shares of its corners, that tell whether it is on another part
 # times: triangles that are partly on another part are cut, from 64 cells down to a table's spacing
 HALVED = 8
-FINE = 4  # points of a table in a cell width
+TABLE_POINTS_PER_CELL = 4  # points of a table in a cell width
 # of a table's spacing: what is this far outside by its faces may be within, beside a crack between
 # faces of joined parts
 CRACK = 0.25
-NEEDLE = distance.THIN / FINE  # cells: thickness of triangles that are left out
+NEEDLE = (
+    distance.SLIVER_THICKNESS / TABLE_POINTS_PER_CELL
+)  # cells: thickness of triangles that are left out
 # of the spacing: error of a table beside edges of 10 degrees. Beside square ones it is 0.2, and
 # what slides there is pushed
 SHARP = 0.02
-AROUND = 3  # points around those: from one to the next the error falls to a sixth
+POINTS_AROUND_FOOT = 3  # points around those: from one to the next the error falls to a sixth
 
 
 class Solids(NamedTuple):
@@ -73,10 +75,10 @@ def _exact(radius: float, planes: Array) -> Solids:
 
 def mesh_solids(components: Sequence[Sequence[Array]], cell: float, gap: float = 0.0) -> Solids:
     """One solid for each component: parts (f, 3, 3) m that hold together, across gaps (m) too, without faces inside; cell: of grids, m."""
-    within = max(ON * cell / FINE, gap)
+    within = max(ON * cell / TABLE_POINTS_PER_CELL, gap)
     outside = [_outside(parts, cell, within) for parts in components]
     tables = [
-        distance.solid(parts, corners, cell / FINE, within)
+        distance.solid(parts, corners, cell / TABLE_POINTS_PER_CELL, within)
         for parts, corners in zip(components, outside, strict=True)
     ]
     faces = [distance.faces_of(corners) for corners in outside]
@@ -124,7 +126,7 @@ def _around(table: distance.DistanceTable, faces: Array) -> tuple[Index, Index]:
     across = np.sqrt(3) * table.spacing
     for axis in range(3):
         values = correlate1d(values, [0.125, 0.75, 0.125], axis, mode="mirror")
-    listed = binary_dilation(sharp, np.ones((3, 3, 3)), AROUND) & (
+    listed = binary_dilation(sharp, np.ones((3, 3, 3)), POINTS_AROUND_FOOT) & (
         np.abs(values) < band - across
     )  # its distances differ by so much
     return distance.near_triangles(
@@ -156,7 +158,7 @@ def _outside(parts: Sequence[Array], cell: float, within: float) -> Array:
             there = others[meets(others, triangle[None], within)]
             pieces = _uncovered(triangle, there, within, NEEDLE * cell)
             for times in range(HALVED, -1, -1):  # where round parts with other facets hold together
-                pieces = cut(pieces, cell / FINE * 2**times)
+                pieces = cut(pieces, cell / TABLE_POINTS_PER_CELL * 2**times)
                 off = (
                     distance.to_triangles(
                         (PLACES @ pieces).reshape(-1, 3), np.ascontiguousarray(there)

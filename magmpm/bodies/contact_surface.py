@@ -14,7 +14,7 @@ from magmpm.bodies.grid import Grid, each_node, spread
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 
-EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
+LONGEST_EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
 # of the fullest cell: from 1e-5 to 1e-3 contact gained energy, up to 19 % of a collision at 2 m/s
 SLIVER = 0.01
 # products of the bound on the frequency of contact: further ones thicken the layer by at most 6 %
@@ -159,7 +159,7 @@ def mesh_surface(triangles: Array, longest: float) -> tuple[Array, Array]:
 
 def parts_surface(parts: list[Array], cell: float) -> SurfacePoints:
     """Points on the surfaces of parts (each (f, 3, 3) m), in cells of this width (m)."""
-    found = [mesh_surface(triangles, EDGE * cell) for triangles in parts]
+    found = [mesh_surface(triangles, LONGEST_EDGE * cell) for triangles in parts]
     region = np.repeat(np.arange(len(found)), [len(area) for _, area in found])
     return _joined(found, region)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 
-STATIONS = 41  # along a body, where axes are compared
+AXIS_STATIONS = 41  # along a body, where axes are compared
 
 
 def linear(at: Array, s: Array, rows: Array) -> Array:

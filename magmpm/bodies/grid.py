@@ -334,9 +334,11 @@ class ClampPlane:
 
 # cells: in motion, a joint nearer to the next one, or to an end, gets no knot: thin cells would
 # need short steps
-SHORT = 0.5
-THIN = 0.02  # cells: the same at rest, and the least width of the cell that takes what is left
-FEWEST = 3  # cells along a body
+LEAST_JOINT_DISTANCE = 0.5
+LEAST_JOINT_DISTANCE_AT_REST = (
+    0.02  # cells: the same at rest, and the least width of the cell that takes what is left
+)
+LEAST_CELLS_ALONG = 3  # cells along a body
 
 
 @dataclass(frozen=True)
@@ -363,14 +365,23 @@ def runs_along(
     like = knots.like
     length = float(ends[-1])
     if like is None:
-        joints = _kept(ends, (THIN if knots.from_tip or knots.at_rest else SHORT) * h, knots.joints)
+        joints = _kept(
+            ends,
+            (
+                LEAST_JOINT_DISTANCE_AT_REST
+                if knots.from_tip or knots.at_rest
+                else LEAST_JOINT_DISTANCE
+            )
+            * h,
+            knots.joints,
+        )
     else:
         joints = [run.after for run in like.runs if run.after is not None]
     from_tip = knots.from_tip and (
-        length >= (FEWEST - 0.5) * h if like is None else bool(like.runs)
+        length >= (LEAST_CELLS_ALONG - 0.5) * h if like is None else bool(like.runs)
     )
     if not joints and not from_tip:
-        along = max(FEWEST, round(length / h)) if like is None else like.cells[0]
+        along = max(LEAST_CELLS_ALONG, round(length / h)) if like is None else like.cells[0]
         return along, length / along, ()
     faces = [0.0, *ends[joints].tolist(), length]
     widths = np.diff(faces)
@@ -392,13 +403,15 @@ def runs_along(
 
 
 def _count(width: float, across: int, from_tip: bool) -> int:
-    """Cells in a run that is `width` cells wide, where `across` make the body's thickness: none is wider than requested by more than THIN.
-    From the tip, the first one takes THIN to 1 + THIN: a new cell begins with almost no width, and changes the answer by as little. Else
-    twice as many cells across are twice as many in each run: nested grids tell each other's error, and do not agree by chance.
+    """Cells in a run that is `width` cells wide, where `across` make the body's thickness: none is wider than requested by more than
+    LEAST_JOINT_DISTANCE_AT_REST.
+    From the tip, the first one takes LEAST_JOINT_DISTANCE_AT_REST to 1 + LEAST_JOINT_DISTANCE_AT_REST: a new cell begins with almost no
+    width, and changes the answer by as little. Else twice as many cells across are twice as many in each run: nested grids tell each
+    other's error, and do not agree by chance.
     """
     if across > 2 and across % 2 == 0 and not from_tip:
         return 2 * _count(width / 2, across // 2, from_tip)
-    return max(1, math.ceil(width - THIN))
+    return max(1, math.ceil(width - LEAST_JOINT_DISTANCE_AT_REST))
 
 
 def _kept(ends: Array, least: float, joints: tuple[int, ...]) -> list[int]:

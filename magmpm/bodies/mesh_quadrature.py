@@ -126,9 +126,9 @@ def _split(triangles: Array, axis: int, plane: Array) -> Array:
 
 ON_PLANE = 1e-9  # of a cell
 MOST_CELLS = 20_000_000  # of the box around all parts
-SEEN = 5  # nodes along an axis that the particles of a cell and its neighbors see
+NODES_SEEN = 5  # nodes along an axis that the particles of a cell and its neighbors see
 # of the body's length: parts this near touch, and faces of held and free ones lie in one plane
-TOUCHING = 1e-4
+TOUCHING_DISTANCE = 1e-4
 
 
 def grid_of_parts(
@@ -210,7 +210,7 @@ def _clamp_planes(
     """
     planes: list[ClampPlane] = []
     covered = np.zeros(len(parts), bool)
-    slack = TOUCHING * float(np.ptp(boxes.reshape(-1, 3), axis=0).max())
+    slack = TOUCHING_DISTANCE * float(np.ptp(boxes.reshape(-1, 3), axis=0).max())
     for axis in range(3):
         others = [other for other in range(3) if other != axis]
         for lower in (True, False):
@@ -362,9 +362,9 @@ def point_weights(grid: Grid, particles: Particles, mine: NDArray[np.bool_], poi
 
 
 def _on_nodes(grid: Grid, points: Array, cell: NDArray[np.int64], home: NDArray[np.int64]) -> Array:
-    """Values (m, SEEN^3) of the splines around a cell at points (m, 3) m in cells (m, 3) that are next to it or are it."""
+    """Values (m, NODES_SEEN^3) of the splines around a cell at points (m, 3) m in cells (m, 3) that are next to it or are it."""
     values = grid.splines(points, cell)[0]
-    along = np.zeros((len(points), 3, SEEN))
+    along = np.zeros((len(points), 3, NODES_SEEN))
     rows = np.arange(len(points))
     for axis in range(3):
         for k in range(3):

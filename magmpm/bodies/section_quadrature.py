@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from magmpm.bodies.grid import EVEN, Grid, Knots, runs_along
 from magmpm.compiled.arrays import Array
 
-WIDEST = 2.0  # a strip's cells may be this much longer across its width than through its thickness
+WIDEST_CELL = (
+    2.0  # a strip's cells may be this much longer across its width than through its thickness
+)
 
 
 @dataclass(frozen=True)
@@ -248,7 +250,7 @@ def strip_grid(
     """Grid of a strip: knots on all its faces and joints. base (3,) m: center of the base face; size (3,) m: length, width, thickness;
     ends (k,) m: where each segment ends, from the base.
 
-    Cells are cubes within rounding of the length, but up to WIDEST times as long along a width that is many cells: what bends
+    Cells are cubes within rounding of the length, but up to WIDEST_CELL times as long along a width that is many cells: what bends
     varies fast along the length and the thickness, not across. one_wide: a single cell across the width (plane strain).
     """
     h = size[2] / cells_across
@@ -257,7 +259,10 @@ def strip_grid(
         1
         if one_wide
         else max(
-            round(size[1] / h) if size[1] < 2 * size[2] else int(np.ceil(size[1] / (WIDEST * h))), 2
+            round(size[1] / h)
+            if size[1] < 2 * size[2]
+            else int(np.ceil(size[1] / (WIDEST_CELL * h))),
+            2,
         )
     )
     cells = (along, wide, cells_across) if knots.like is None else knots.like.cells

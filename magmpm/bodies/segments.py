@@ -147,7 +147,7 @@ def torsion_constant(width: float, thickness: float) -> float:
 
 MAX_SEGMENTS = 1000
 MAX_SLENDERNESS = 500.0  # length over diameter, or over thickness
-SHORTEST = (
+SHORTEST_SEGMENT = (
     0.01  # of the diameter or thickness: a segment; 0.02 of a cell at 2 cells across, 0.16 at 16
 )
 
@@ -226,7 +226,8 @@ class StraightBody(BodyShape):
     def _check_lengths(
         cls, length: float, thickness: float | None, segments: tuple[Segment, ...]
     ) -> None:
-        """Raise `fault` unless segments fill their body's length (m), each at least SHORTEST of its thickness (m; None: not known) long."""
+        """Raise `fault` unless segments fill their body's length (m), each at least SHORTEST_SEGMENT of its thickness (m; None: not
+        known) long."""
         given = [s.length for s in segments if s.length is not None]
         total = math.fsum(given)
         free = len(segments) - len(given)
@@ -244,10 +245,11 @@ class StraightBody(BodyShape):
             )
         lengths = segment_lengths(length, segments)
         shortest = min(range(len(lengths)), key=lengths.__getitem__)
-        if thickness is not None and lengths[shortest] < SHORTEST * thickness * (1 - 1e-9):
+        if thickness is not None and lengths[shortest] < SHORTEST_SEGMENT * thickness * (1 - 1e-9):
             raise fault(
-                f"a segment must be at least {SHORTEST:g} times the {cls.kind}'s {cls.across} long,"
-                f" {1e3 * SHORTEST * thickness:.3g} mm here, and segment {shortest + 1} is"
+                f"a segment must be at least {SHORTEST_SEGMENT:g} times the {cls.kind}'s"
+                f" {cls.across} long,"
+                f" {1e3 * SHORTEST_SEGMENT * thickness:.3g} mm here, and segment {shortest + 1} is"
                 f" {1e3 * lengths[shortest]:.3g} mm",
                 "check its unit, make it longer, or leave it out: the grid resolves nothing finer",
                 (shortest, "length") if segments[shortest].length is not None else (),

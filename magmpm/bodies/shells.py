@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 TOLERANCE = 1e-3  # of the smaller of two shells: touching faces of a drawing never fit exactly
-SAME = 1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
-SHOWN = 3  # shells of each kind that a message names
+SAME_VERTEX = (
+    1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
+)
+MOST_SHELLS_NAMED = 3  # shells of each kind that a message names
 
 Index = NDArray[Any]
 
@@ -125,7 +127,7 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
     away = vertices[faces.sum(1) - edges.sum(1)] - start
     away = away - (away @ along)[:, None] * along
     height = np.linalg.norm(away, axis=1)
-    same = 1e-3 + 4 * SAME * size / max(float(height.min()), 1e-300)
+    same = 1e-3 + 4 * SAME_VERTEX * size / max(float(height.min()), 1e-300)
     axis = away[0] / max(float(height[0]), 1e-300)
     angle = np.arctan2(away @ np.cross(along, axis), away @ axis)
     pairs = []
@@ -297,5 +299,5 @@ def _named(k: int, volume: Array) -> str:
 
 
 def _list(names: list[str]) -> str:
-    more = len(names) - SHOWN
-    return ", ".join(names[:SHOWN]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - MOST_SHELLS_NAMED
+    return ", ".join(names[:MOST_SHELLS_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -15,12 +15,12 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere
 
 MOST_POINTS = 4_000_000  # 32 MB
-EDGE = 3
+ON_EDGE = 3
 WITHIN = 4
 TIE = 1e-5  # of their distance: faces whose distances differ by no more have the same nearest place
 # of a table's spacing: triangles, and slivers between parts, that are no thicker are due to
 # rounding
-THIN = 1e-4
+SLIVER_THICKNESS = 1e-4
 BAND = (
     4  # points of the table beyond the wall, on either side, that hold true distances to a surface
 )
@@ -189,8 +189,8 @@ def to_triangles(points, corners):
 
 @compiled
 def to_triangle(x, corners, away):
-    """Distance (m) of x (3,) m from a triangle, corners (9,) m, and where its nearest place is: 0, 1, 2: at that corner; EDGE; WITHIN. away
-    (3,) m: from there to x. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
+    """Distance (m) of x (3,) m from a triangle, corners (9,) m, and where its nearest place is: 0, 1, 2: at that corner; ON_EDGE; WITHIN.
+    away (3,) m: from there to x. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
     d1 = 0.0
     d2 = 0.0
     d3 = 0.0
@@ -214,7 +214,7 @@ def to_triangle(x, corners, away):
     vc = d1 * d4 - d3 * d2
     v = 0.0
     w = 0.0
-    at = EDGE
+    at = ON_EDGE
     if d1 <= 0.0 and d2 <= 0.0:
         at = 0
     elif d3 >= 0.0 and d4 <= d3:
@@ -253,8 +253,8 @@ def beside(best, side, d, at, face, away):
     """
     if d > best * (1.0 + TIE):
         return best, side
-    angle = np.pi * (at - EDGE + 1)
-    if at < EDGE:
+    angle = np.pi * (at - ON_EDGE + 1)
+    if at < ON_EDGE:
         uv = 0.0
         uu = 0.0
         vv = 0.0

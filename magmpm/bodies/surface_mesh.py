@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationInfo
 
 from magmpm.bodies.shells import (
-    SAME,
+    SAME_VERTEX,
     MeshError,
     doubled,
     overlapping_boxes,
@@ -47,7 +47,7 @@ MOST_BYTES = 200_000_000
 # overflow
 LARGEST_NUMBER = 1e8
 # m: coordinates, as of all places in a scene, and the longest side of a mesh
-FARTHEST = 10.0
+FARTHEST_COORDINATE = 10.0
 SMALLEST = 1e-6
 RAYS = 400  # points from which the thickness is measured
 LINES = 100  # through the mesh, along which its surface is tried for crossing itself
@@ -160,7 +160,7 @@ def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
     from scipy.spatial import cKDTree
 
     pairs = cKDTree(points).query_pairs(
-        SAME * float(np.ptp(points, axis=0).max()), output_type="ndarray"
+        SAME_VERTEX * float(np.ptp(points, axis=0).max()), output_type="ndarray"
     )
     if len(pairs):
         links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points), len(points)))
@@ -242,9 +242,10 @@ def size_fault(mesh: Mesh, unit: str, scale: float) -> tuple[str, str] | None:
     far = scale * float(np.abs(mesh.vertices).max())
     size = scale * float(np.ptp(mesh.vertices, axis=0).max())
     remedy = f"check the unit ({unit}), and the place of the mesh"
-    if far > FARTHEST * (1 + 1e-9):
+    if far > FARTHEST_COORDINATE * (1 + 1e-9):
         return (
-            f"coordinates must be at most {FARTHEST:g} m, and this mesh reaches to {far:.3g} m",
+            f"coordinates must be at most {FARTHEST_COORDINATE:g} m, and this mesh reaches"
+            f" to {far:.3g} m",
             remedy,
         )
     if size < SMALLEST * (1 - 1e-9):

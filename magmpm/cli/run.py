@@ -27,7 +27,7 @@ from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
 from magmpm.results.trajectory import frame_files
 from magmpm.scene import Scene, load_progress, load_scene
-from magmpm.scene.notebook import PARTS
+from magmpm.scene.notebook import MOST_PARTS_LISTED
 from magmpm.scene.time_limit import limited
 
 
@@ -221,10 +221,13 @@ def _places(result: Result) -> list[str]:
     """The lines of the tip and of the parts."""
     named = list(result.positions.items())
     lines = [] if result.tip is None else [f"  tip             {lengths(result.tip)}"]
-    lines += [f"  center          {lengths(place)}: {name}" for name, place in named[:PARTS]]
-    if len(named) > PARTS:
+    lines += [
+        f"  center          {lengths(place)}: {name}" for name, place in named[:MOST_PARTS_LISTED]
+    ]
+    if len(named) > MOST_PARTS_LISTED:
         lines.append(
-            f"  center          of {len(named) - PARTS} more parts: `positions` in result.json"
+            f"  center          of {len(named) - MOST_PARTS_LISTED} more parts: `positions`"
+            " in result.json"
         )
     return lines
 

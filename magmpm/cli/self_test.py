@@ -10,7 +10,7 @@ import json
 import sys
 from typing import Any
 
-LENGTH = 40e-3  # m
+TEST_LENGTH = 40e-3  # m
 SCENE: dict[str, Any] = {  # data/scenes/axial_transverse.yaml
     "name": "self-test",
     "materials": {
@@ -23,7 +23,7 @@ SCENE: dict[str, Any] = {  # data/scenes/axial_transverse.yaml
     },
     "body": {
         "catheter": {
-            "length": LENGTH,
+            "length": TEST_LENGTH,
             "diameter": 4e-3,
             "material": "silicone",
             "clamp": "base",
@@ -99,12 +99,12 @@ def _row(name: str, away: float, bound: float, rule: str, result: Any) -> dict[s
     seconds = result.seconds
     compiled = f", and {seconds['compile']:.0f} s to compile" if seconds["compile"] > 1 else ""
     found = (
-        f"{away / LENGTH:.1e} of the length away, {seconds['setup'] + seconds['solve']:.2f}"
+        f"{away / TEST_LENGTH:.1e} of the length away, {seconds['setup'] + seconds['solve']:.2f}"
         f" s{compiled}"
     )
     return {
         "name": name,
-        "passed": away <= bound * LENGTH,
+        "passed": away <= bound * TEST_LENGTH,
         "found": found,
         "rule": rule,
         "away_m": away,

@@ -13,8 +13,8 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 
-SMALL = 1 << 20  # bytes: below, the allocator keeps the memory itself
-MOST = 1 << 29  # bytes that wait for their next use
+LEAST_BYTES_KEPT = 1 << 20  # bytes: below, the allocator keeps the memory itself
+MOST_BYTES_KEPT = 1 << 29  # bytes that wait for their next use
 WASTE = 2  # an array may get up to so many times the memory that it needs
 
 _free: dict[
@@ -25,7 +25,7 @@ _free: dict[
 def empty(shape: tuple[int, ...]) -> Array:
     """An array (float64) with any content, as from numpy.empty. Once neither it nor a view of it is in use, another may get its memory."""
     size = 8 * math.prod(shape)
-    if size < SMALL:
+    if size < LEAST_BYTES_KEPT:
         return np.empty(shape)
     memory = _taken(size) or _mapped(size)
     # Its base is no array (as that of a memoryview of one would be), so NumPy makes views refer to this array, and they keep it alive.
@@ -58,7 +58,7 @@ def _give_back(memory: mmap.mmap) -> None:
     """Keep the pieces that came last."""
     _free[id(memory)] = memory
     pieces = list(_free.values())
-    too_much = sum(map(len, pieces)) - MOST
+    too_much = sum(map(len, pieces)) - MOST_BYTES_KEPT
     for piece in pieces:
         if too_much > 0 and _free.pop(id(piece), None) is not None:
             too_much -= len(piece)

@@ -28,7 +28,7 @@ DONE = "done"
 RAISED = "raised"
 DIED = "died"
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-CLOSING = 5.0  # s that a process may take to end once its pipe is closed
+SECONDS_TO_CLOSE = 5.0  # s that a process may take to end once its pipe is closed
 Job = TypeVar("Job")
 
 
@@ -117,7 +117,7 @@ class Process:
             kind, found = self.pipe.recv()
         except (EOFError, OSError):
             raise Died(
-                self.end(CLOSING), self.process.returncode, time.monotonic() - self.since
+                self.end(SECONDS_TO_CLOSE), self.process.returncode, time.monotonic() - self.since
             ) from None
         if kind == READY:
             self.ready = True

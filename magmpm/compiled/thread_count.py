@@ -13,7 +13,9 @@ from typing import TypeVar
 import numba
 
 MANY = 20_000  # particles: from this number on, always use all threads
-TRIES = 3  # calls with each number at the start: the first may load or compile a kernel
+TRIALS_OF_EACH_COUNT = (
+    3  # calls with each number at the start: the first may load or compile a kernel
+)
 RETRIED = 100  # calls between two trials of the other number
 
 Taken = TypeVar("Taken", bound=tuple[int, bool])
@@ -42,7 +44,7 @@ class Threads:
         self.calls += 1
         if taken[0]:
             a_step = (time.perf_counter() - begun) / taken[0]
-            starting = self.calls <= 2 * TRIES
+            starting = self.calls <= 2 * TRIALS_OF_EACH_COUNT
             self.seconds[count] = (
                 min(a_step, self.seconds.get(count, a_step)) if starting else a_step
             )
@@ -59,7 +61,7 @@ class Threads:
             numba.set_num_threads(most)
 
     def _choice(self, most: int) -> int:
-        if self.calls < 2 * TRIES:
+        if self.calls < 2 * TRIALS_OF_EACH_COUNT:
             return (1, most)[self.calls % 2]
         best = 1 if self.seconds.get(1, 0.0) <= self.seconds.get(most, 0.0) else most
         return best if self.calls % RETRIED else 1 + most - best

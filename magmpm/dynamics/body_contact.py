@@ -94,7 +94,7 @@ class BodyContact(SurfacePairs):
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self.place[q[new]], self.at[q[new]]
         other = self.solid[p[new]] != self.solid[q[new]]
         error = begun(self.solids, self.solid[q[new]][other], self.place[p[new]][other])
-        memory[other, kernel.BEGUN] = error - kernel.CLOSE * self.cell  # and rounding
+        memory[other, kernel.BEGUN] = error - kernel.PLACE_TOLERANCE * self.cell  # and rounding
         memory[:, ROOM] = way + 0.5 * np.sqrt(
             np.maximum(distance[new] ** 2 - (BETWEEN * self.cell) ** 2, 0.0)
         )

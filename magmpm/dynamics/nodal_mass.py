@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.kernels.mass_correction import FIELDS, REACH, Correction
+from magmpm.kernels.mass_correction import FIELDS, KNOTS_APART, Correction
 from magmpm.model import Model
 
-NOTHING = (
+NO_MASS = (
     1e-10  # of the largest entry of a matrix: an eigenvalue below it is a direction without mass
 )
 
@@ -163,7 +163,7 @@ def _correction(
         if chains
         else []
     )
-    empty = np.zeros((2, 0, FIELDS, FIELDS)), np.zeros((2, 0, REACH, FIELDS, FIELDS))
+    empty = np.zeros((2, 0, FIELDS, FIELDS)), np.zeros((2, 0, KNOTS_APART, FIELDS, FIELDS))
     pivot, link = (np.ascontiguousarray(f) for f in factors or empty)
     return Correction(
         order=order,
@@ -279,25 +279,26 @@ def _chain(
 
 
 def _factors(matrix: Array) -> tuple[Array, Array]:
-    """Block factors L D L' of a matrix: inverse pivots D^-1 (knots, 3, 3), and the links L (knots, REACH, 3, 3) to the blocks before."""
+    """Block factors L D L' of a matrix: inverse pivots D^-1 (knots, 3, 3), and the links L (knots, KNOTS_APART, 3, 3) to the blocks
+    before."""
     count = len(matrix) // FIELDS
     block = matrix.reshape(count, FIELDS, count, FIELDS).transpose(0, 2, 1, 3)
     own, pivot, link = (
         *np.zeros((2, count, FIELDS, FIELDS)),
-        np.zeros((count, REACH, FIELDS, FIELDS)),
+        np.zeros((count, KNOTS_APART, FIELDS, FIELDS)),
     )
     for k in range(count):
-        for d in range(min(REACH, k), 0, -1):
+        for d in range(min(KNOTS_APART, k), 0, -1):
             left = block[k, k - d].copy()
-            for e in range(d + 1, min(REACH, k) + 1):
+            for e in range(d + 1, min(KNOTS_APART, k) + 1):
                 left -= link[k, e - 1] @ own[k - e] @ link[k - d, e - d - 1].T
             link[k, d - 1] = left @ pivot[k - d]
         own[k] = block[k, k] - sum(
-            link[k, d] @ own[k - 1 - d] @ link[k, d].T for d in range(min(REACH, k))
+            link[k, d] @ own[k - 1 - d] @ link[k, d].T for d in range(min(KNOTS_APART, k))
         )
         values, vectors = np.linalg.eigh((own[k] + own[k].T) / 2)
         inverse = np.where(
-            values > NOTHING * np.abs(block[k, k]).max(),
+            values > NO_MASS * np.abs(block[k, k]).max(),
             1.0 / np.where(values > 0, values, 1.0),
             0.0,
         )
@@ -307,4 +308,4 @@ def _factors(matrix: Array) -> tuple[Array, Array]:
 
 def inverted(matrix: Array) -> Array:
     """Inverse of a symmetric, positive matrix on the directions that have mass."""
-    return np.asarray(np.linalg.pinv(matrix, rcond=NOTHING, hermitian=True))
+    return np.asarray(np.linalg.pinv(matrix, rcond=NO_MASS, hermitian=True))

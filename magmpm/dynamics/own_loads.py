@@ -8,8 +8,8 @@ held. But a body that vibrates changes its load within the time for which it is 
 The energy E that belongs to these loads is known, and so is their work. With y the shape half a step before a load is computed, from which
 on it acts, a load that is held adds (its work from y to the next y) + (the change of E from y to the next y). `added` is the sum since the
 motion began; it may be at most ADDED of the largest kinetic energy, or of the largest change of E. A load is held for as long as the next
-one will add at most a part PART of what is left, and change by at most CHANGE; what it adds grows as the cube of the steps. Where nothing
-is left, the load is computed at every step.
+one will add at most a part PART of what is left, and change by at most MOST_CHANGE_OF_HELD_LOAD; what it adds grows as the cube of the
+steps. Where nothing is left, the load is computed at every step.
 Sources: Tuckerman, Berne, Martyna, J. Chem. Phys. 97 (1992) 1990, loads with steps of their own; Skeel, Biesiadecki, Ann. Numer. Math. 1
 (1994) 191, and Ma, Izaguirre, Skeel, SIAM J. Sci. Comput. 24 (2003) 1951: held for half a period of a vibration or longer they feed it.
 """
@@ -25,11 +25,13 @@ from magmpm.effects import acting
 from magmpm.effects.base import Records
 from magmpm.model import Model
 
-MOST = 256  # steps for which a load may be held
+MOST_STEPS_HELD = 256  # steps for which a load may be held
 SINGLE = (
     8  # loads of one step each before one is held for two: what they cost to try is then a tenth
 )
-CHANGE = 0.02  # of the largest value of a load: how much it may change while it is held
+MOST_CHANGE_OF_HELD_LOAD = (
+    0.02  # of the largest value of a load: how much it may change while it is held
+)
 ADDED = 1e-3  # of the largest energy: what held loads may add in all
 # a load: how fast it is forgotten what loads added; where a body turns round they add nothing, but
 # the next ones do
@@ -144,8 +146,8 @@ class OwnLoads:
         change = max(_change(new, old) for new, old in zip(tables, tables_before, strict=True))
         self._rate = max(abs(added) / taken**3, RELEASE * self._rate)
         by_energy = 0.0 if left <= 0.0 else (left / max(self._rate, 1e-60)) ** (1 / 3)
-        by_change = taken * CHANGE / max(change, 1e-30)
-        self.steps = int(np.clip(min(by_energy, by_change), 1, min(2 * taken, MOST)))
+        by_change = taken * MOST_CHANGE_OF_HELD_LOAD / max(change, 1e-30)
+        self.steps = int(np.clip(min(by_energy, by_change), 1, min(2 * taken, MOST_STEPS_HELD)))
         self._single = 0
 
 

@@ -25,7 +25,7 @@ from magmpm.scene.coarsest import knots_of
 from magmpm.statics import axis
 from magmpm.statics.axis import along
 from magmpm.statics.branch import Lift
-from magmpm.statics.contact import SETTLED, Held, Touched, change, followed, held_at
+from magmpm.statics.contact import CONTACT_SETTLED, Held, Touched, change, followed, held_at
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
 from magmpm.statics.layout import StaticModel, arranged, static_model
@@ -104,7 +104,7 @@ class FieldLoads:
             surface.friction,
             self._begun,
         )
-        if self.held is not None and change(self.held, now) < SETTLED:
+        if self.held is not None and change(self.held, now) < CONTACT_SETTLED:
             return False
         self.held = now
         return True

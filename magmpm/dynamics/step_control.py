@@ -18,14 +18,15 @@ in one step, which the bound for small oscillations does not cover. So kernels c
 
 * the stiffness of the stiffest particle. If it exceeds the stiffness for which the step was chosen, the bound is found again for the
   present shape, and steps become shorter if they must;
-* the change of stiffness in one step. If it exceeds CHANGE, steps are halved until they resolve the motion. They grow again as the
+* the change of stiffness in one step. If it exceeds MOST_CHANGE_OF_STIFFNESS, steps are halved until they resolve the motion. They grow
+again as the
   motion calms down. The same holds for the change of F, averaged over the steps between two checks: silicone of K = 5 G keeps its stiffness
   while it swells from det F = 0.2 to 0.5.
 
 A body whose parts attract each other meets itself again and again, and what a step adds to the energy where springs of contact begin
 within it, or where the body vibrates near the limit of stability, adds up. There the sum of all energies is known, so it is looked at after
 every chunk of steps. If it has moved by more than DRIFT of the largest kinetic energy from what it was, the chunk is taken back, and steps
-are halved, up to FINEST times. They grow again where CALM chunks changed it by little.
+are halved, up to MOST_HALVINGS times. They grow again where CALM chunks changed it by little.
 
 A step given in the scene never changes. Where it is too long, the motion ends with a message.
 """
@@ -49,10 +50,12 @@ from magmpm.model import Model
 from magmpm.scene.options import Dynamic
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
-CHANGE = 0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
+MOST_CHANGE_OF_STIFFNESS = (
+    0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
+)
 # of the largest kinetic energy: how far the sum of all energies may move; a motion promises 1 %
 DRIFT = 7.5e-3
-FINEST = 4  # halvings for it: the error falls as the square of the step
+MOST_HALVINGS = 4  # halvings for it: the error falls as the square of the step
 # chunks in a row, each within a thirty-second of DRIFT: the next longer step has four times their
 # error
 CALM = 8
@@ -227,7 +230,10 @@ class Drift:
         growth = total - min(self.least, total)
         loss = max(self.most, total) - total
         moved = growth if self.loses else max(growth, loss)
-        if moved > max(DRIFT * largest, self.moved) + DRIFT / 64 * largest and self.finer < FINEST:
+        if (
+            moved > max(DRIFT * largest, self.moved) + DRIFT / 64 * largest
+            and self.finer < MOST_HALVINGS
+        ):
             self.finer += 1
             self.calm = 0
             return False
@@ -319,17 +325,19 @@ class StepControl:
         now = motion.kinematics() if watch[WHY] == GOING else None
         changed = 0.0 if now is None else float(np.abs(now.F - before).max()) / max(taken, 1)
         trouble = None
-        if watch[WHY] in (QUICK, BROKEN) or changed > CHANGE:
+        if watch[WHY] in (QUICK, BROKEN) or changed > MOST_CHANGE_OF_STIFFNESS:
             trouble = self._halve(changed)
             if trouble is None:  # the last step was too long, or all were: take it back
-                taken = 0 if changed > CHANGE else max(taken - 1, 0)
+                taken = 0 if changed > MOST_CHANGE_OF_STIFFNESS else max(taken - 1, 0)
                 motion.rewind(kept)
                 take(motion, named, taken, dt)
                 now = None
         elif watch[WHY] == STIFF:
             trouble = self._find_bound()
             now = None
-        elif self._halvings and watch[QUICKEST] < 0.25 * CHANGE:  # calm: steps grow again
+        elif (
+            self._halvings and watch[QUICKEST] < 0.25 * MOST_CHANGE_OF_STIFFNESS
+        ):  # calm: steps grow again
             self._halvings -= 1
             self._choose()
         if self._drift is not None and now is not None and trouble is None:
@@ -359,7 +367,9 @@ class StepControl:
         """Halve the step as often as needed, from how far the last one was too long; changed: F in a step."""
         broke = self._motion.watch[WHY] == BROKEN
         given = self._options.time_step is not None
-        over = 16.0 if broke else max(self._motion.watch[QUICKEST], changed) / CHANGE
+        over = (
+            16.0 if broke else max(self._motion.watch[QUICKEST], changed) / MOST_CHANGE_OF_STIFFNESS
+        )
         halvings = self._halvings + min(max(1, math.ceil(math.log2(over))), 6)
         if given or 0.5**halvings < 1e-4:  # even a step of 1e-4 of the first one is too long
             return (
@@ -407,7 +417,7 @@ class StepControl:
         self._motion.watch[LIMIT] = self._stiffness * max(
             (reserve * self._bound / self.step) ** 2, 1.01
         )
-        self._motion.watch[SHARE] = CHANGE
+        self._motion.watch[SHARE] = MOST_CHANGE_OF_STIFFNESS
 
     def _trouble(self, cause: str) -> Trouble:
         stiffest = int(np.argmax(stiffness(self._motion.model, self._motion.particles()[2])))

@@ -23,10 +23,10 @@ from magmpm.results.file_names import forget_motion
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene, time_limit
-from magmpm.scene.memory import GROWTH
+from magmpm.scene.memory import BYTES_PER_PARTICLE
 from magmpm.scene.options import Dynamic
 
-CHUNK = 256  # steps between two checks of the motion
+STEPS_BETWEEN_CHECKS = 256  # steps between two checks of the motion
 Progress = Callable[[float, int], None]
 
 
@@ -113,7 +113,7 @@ def memory(motion: TotalMotion) -> int:
         for part in [*values, *chain(*records)]
         if isinstance(part, np.ndarray)
     }
-    return max(sum(arrays.values()), GROWTH * len(motion.model.density))
+    return max(sum(arrays.values()), BYTES_PER_PARTICLE * len(motion.model.density))
 
 
 def move(model: Model, **options: Any) -> SimulationState:
@@ -273,7 +273,7 @@ def interval(
         dt = (until - start) / count
         while done < count:
             first = done
-            steps = min(CHUNK, count - first)
+            steps = min(STEPS_BETWEEN_CHECKS, count - first)
             times = start + dt * np.arange(first, first + steps, dtype=float)
             named = acting.collect(model.scene, times=times)
             named += motion.ends.records(times, dt)

@@ -22,7 +22,7 @@ from magmpm.dynamics.particle_groups import pack
 from magmpm.effects import acting
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.calls import Function, in_motion
-from magmpm.effects.contact_force import MOST
+from magmpm.effects.contact_force import MOST_PUSH
 from magmpm.effects.contact_law import at_rest
 from magmpm.effects.hooks import NO_DATA, each_record, register
 from magmpm.errors import SceneError
@@ -387,7 +387,7 @@ class TotalMotion:
             share = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             x = x + share[:, None] * moved[at]
         kept = np.repeat(self.touching[:-1].reshape(-1, PATCH), np.diff(on.first_point), axis=0)
-        return Touching(x, on.mass, on.friction, kept[:, :3].copy(), kept[:, MOST].copy())
+        return Touching(x, on.mass, on.friction, kept[:, :3].copy(), kept[:, MOST_PUSH].copy())
 
     def body_contacts(self) -> dict[str, Contact]:
         """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""

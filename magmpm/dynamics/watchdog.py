@@ -10,7 +10,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.acting import driven_speed
-from magmpm.effects.body_reach import FAR
+from magmpm.effects.body_reach import FARTHEST_MOVE
 from magmpm.errors import LeftField, SolveError
 from magmpm.model import Model
 
@@ -75,9 +75,10 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
             fastest,
             f"{REMEDY}, or apply the load more slowly",
         )
-    if way > FAR * size:
+    if way > FARTHEST_MOVE * size:
         return Trouble(
-            f"a particle left the box: it is {way:.3g} m from where it started, {FAR:g} times the "
+            f"a particle left the box: it is {way:.3g} m from where it started,"
+            f" {FARTHEST_MOVE:g} times the "
             "body's size",
             furthest,
             "hold the body (clamp, ground, walls), or shorten solver.dynamic.duration",

@@ -2,7 +2,7 @@
 
 A straight body that is held at an end stays within its length of that end, with some stretch; a body that a guide feeds, within its
 length of all places to which its base is pushed. STL parts, some of which may be loose, and free bodies may go anywhere, but a motion is
-stopped once a particle is FAR times the body's size from its start (dynamics.watchdog).
+stopped once a particle is FARTHEST_MOVE times the body's size from its start (dynamics.watchdog).
 """
 
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ from magmpm.effects.base import SceneLike
 # times the length of a held body: silicone stretches by some percent under its weight and in fields
 # of tens of mT
 STRETCHED = 1.5
-FAR = 10.0  # sizes of the undeformed body: how far a particle may move from its start
-STATIONS = 33  # points on the way of the base
+FARTHEST_MOVE = 10.0  # sizes of the undeformed body: how far a particle may move from its start
+POINTS_ON_WAY_OF_BASE = 33  # points on the way of the base
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def body_reach(scene: SceneLike) -> BodyReach:
     line = scene.body.shape.line
     if line is not None and (feed is not None or scene.body.shape.clamp != "none"):
         pushed = 0.0 if feed is None else feed.speed * scene.duration
-        way = np.linspace(0.0, pushed, STATIONS if pushed else 1)
+        way = np.linspace(0.0, pushed, POINTS_ON_WAY_OF_BASE if pushed else 1)
         words = (
             f"{STRETCHED:g} times its length from"
             f" {'all places its base is pushed to' if pushed else 'its base'}"
@@ -50,8 +50,8 @@ def body_reach(scene: SceneLike) -> BodyReach:
         )
     return BodyReach(
         ((lower + upper) / 2)[None],
-        (0.5 + FAR) * size,
-        f"{FAR:g} times its size, where a motion is stopped",
+        (0.5 + FARTHEST_MOVE) * size,
+        f"{FARTHEST_MOVE:g} times its size, where a motion is stopped",
     )
 
 

@@ -19,9 +19,9 @@ GRIP, RIGIDITY, PARTS = range(3, 6)
 # What is kept of a touching point: the force of friction (3,) N, of which the next step begins; the unit normal (3,) of its push; and the
 # largest friction that the push allows, N.
 NORMAL = 3
-MOST = 6
+MOST_PUSH = 6
 KEPT = 7
-ROUNDING = 1e-9  # of the largest friction: a point with so little less slides
+LEAST_FRICTION = 1e-9  # of the largest friction: a point with so little less slides
 
 
 @compiled
@@ -68,7 +68,7 @@ def allowed(kept, at):
     t1 = kept[at + 1] - out * n1
     t2 = kept[at + 2] - out * n2
     size = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
-    share = kept[at + MOST] / size if size > kept[at + MOST] else 1.0
+    share = kept[at + MOST_PUSH] / size if size > kept[at + MOST_PUSH] else 1.0
     kept[at] = share * t0
     kept[at + 1] = share * t1
     kept[at + 2] = share * t2
@@ -84,7 +84,7 @@ def touches(f, kept, at):
         return 0.0
     for i in range(3):
         kept[at + NORMAL + i] = f[i] / size
-    kept[at + MOST] = f[GRIP]
+    kept[at + MOST_PUSH] = f[GRIP]
     allowed(kept, at)
     for i in range(3):
         f[i] += kept[at + i]
@@ -95,7 +95,7 @@ def touches(f, kept, at):
 def slides(kept, at):
     """1 where the friction that is kept from index `at` on is the most that its push allows, else 0."""
     size = math.sqrt(kept[at] ** 2 + kept[at + 1] ** 2 + kept[at + 2] ** 2)
-    return 1.0 if size > (1.0 - ROUNDING) * kept[at + MOST] else 0.0
+    return 1.0 if size > (1.0 - LEAST_FRICTION) * kept[at + MOST_PUSH] else 0.0
 
 
 @inlined

@@ -18,15 +18,15 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
 from magmpm.effects.calls import given_for, pushes, rows
-from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, ROUNDING, own_grip
+from magmpm.effects.contact_force import GRIP, LEAST_FRICTION, PARTS, RIGIDITY, own_grip
 from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
 # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then
 # stable for both together
-SHARE = 0.7
-# of the squared frequency of the wave: the body's is 2.1 times as much or more, in steps (SHARE counted)
+SHARE_OF_STABLE_STEP = 0.7
+# of the squared frequency of the wave: the body's is 2.1 times as much or more, in steps (SHARE_OF_STABLE_STEP counted)
 FREE = 2.0
 
 
@@ -95,7 +95,7 @@ def most_friction(scene: SceneLike, friction: float) -> float:
 
 def stable_step(stiffness: float) -> float:
     """Largest stable step (s) of a spring of this stiffness w^2 (1/s^2), together with a body at its own limit."""
-    return SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
+    return SHARE_OF_STABLE_STEP * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
 
 
 def place(model: Any, point: Array) -> str:
@@ -128,7 +128,7 @@ def _touching(calls, x, mass, friction, pull, most, force):
             own_grip(friction[p], f)
             size = math.sqrt(pull[p, 0] ** 2 + pull[p, 1] ** 2 + pull[p, 2] ** 2)
             share = f[GRIP] / most[p] if most[p] > 0.0 else 0.0
-            if size < (1.0 - ROUNDING) * most[p]:  # it sticks: what holds it does not grow
+            if size < (1.0 - LEAST_FRICTION) * most[p]:  # it sticks: what holds it does not grow
                 share = min(share, 1.0)
             for i in range(3):
                 force[i] += f[i] + share * pull[p, i]

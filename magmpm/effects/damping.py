@@ -23,7 +23,7 @@ from magmpm.inputs.settings import Quantity
 DTYPE = np.dtype([("damping_rate", np.float64)])
 # of the exponent: more leaves nothing of a velocity either, and would be too large a number for a
 # push
-MOST = 500.0
+MOST_EXPONENT = 500.0
 
 
 class Damping(Effect):
@@ -55,7 +55,7 @@ class Damping(Effect):
 @compiled
 def node(effect, data, X, u, v, free, dt):
     """v *= exp(-rate dt)."""
-    left = math.exp(-min(effect.damping_rate * dt, MOST))
+    left = math.exp(-min(effect.damping_rate * dt, MOST_EXPONENT))
     for i in range(3):
         v[i] *= left
 
@@ -64,7 +64,7 @@ def node(effect, data, X, u, v, free, dt):
 def push(effect, data, dt):
     """(exp(x) - 1) / x with x = rate dt; after the decay (1 - exp(-x)) / x of the push is left."""
     x = effect.damping_rate * dt
-    return math.expm1(min(x, MOST)) / x if x > 0.0 else 1.0
+    return math.expm1(min(x, MOST_EXPONENT)) / x if x > 0.0 else 1.0
 
 
 def left(named: Records, dt: float) -> float:
@@ -72,7 +72,7 @@ def left(named: Records, dt: float) -> float:
     rates = [
         records["damping_rate"][0] for records in named[::2] if records.dtype.names == DTYPE.names
     ]
-    return math.exp(-min(sum(rates) * dt, MOST))
+    return math.exp(-min(sum(rates) * dt, MOST_EXPONENT))
 
 
 register(DTYPE, node=node, push=push)

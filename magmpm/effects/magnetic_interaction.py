@@ -34,13 +34,13 @@ from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.fields.dipole import MU0, K
 
-MOST = 3000  # blocks: a refresh then takes about 0.2 s
+MOST_BLOCKS = 3000  # blocks: a refresh then takes about 0.2 s
 # Two cubes face to face interact less than two dipoles, by this fraction: (1/2 - 3/2 N) / (1/(2 pi)) = 0.849, with N = 0.1983 the
 # demagnetizing factor of a 2 x 1 x 1 prism along its length (Aharoni, J. Appl. Phys. 83 (1998) 3432).
-TOUCHING = 0.151
-NEAR = 1.35  # distance in edges from which on cubes interact as dipoles
-TINY = 1e-100  # m: of two blocks at one place the terms are 0, not nan
-SIZE = 6  # floats per block: B/mu0 (3) A/m, force per volume (3) N/m^3
+TOUCHING_PRISM = 0.151
+DIPOLES_FROM = 1.35  # distance in edges from which on cubes interact as dipoles
+LEAST_DISTANCE = 1e-100  # m: of two blocks at one place the terms are 0, not nan
+LOAD_SIZE = 6  # floats per block: B/mu0 (3) A/m, force per volume (3) N/m^3
 DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
 
 
@@ -74,10 +74,10 @@ class MagneticInteraction(BodyEffect):
         """Parameters for the kernels; fields and forces are zero until `refresh`."""
         if strength == 0.0 or len(scene.magnetized_regions()) < 2:
             return ()
-        return one_record(DTYPE, np.zeros(SIZE * MOST), share=strength)
+        return one_record(DTYPE, np.zeros(LOAD_SIZE * MOST_BLOCKS), share=strength)
 
     def marks(self, particles: Any, remanence: Array) -> Array:
-        """Block of each particle (n,), -1 for none. Raises SceneError where there are more than MOST blocks."""
+        """Block of each particle (n,), -1 for none. Raises SceneError where there are more than MOST_BLOCKS blocks."""
         segment = particles.segment
         volume = particles.volume
         cell = particles.cell if particles.box is None else particles.box
@@ -100,12 +100,12 @@ class MagneticInteraction(BodyEffect):
             _, number = np.unique(np.stack(place, axis=1), axis=0, return_inverse=True)
             block[own] = count + number.ravel()
             count += int(number.max()) + 1
-        if count > MOST:
+        if count > MOST_BLOCKS:
             raise SceneError(
                 "effects.magnetic_interaction.blocks_across",
                 received=str(self.blocks_across),
                 found=f"the segments make {count} blocks",
-                rule=f"at most {MOST} blocks are allowed",
+                rule=f"at most {MOST_BLOCKS} blocks are allowed",
                 remedy="write a smaller blocks_across, or use fewer cells_across",
             )
         return block
@@ -114,7 +114,7 @@ class MagneticInteraction(BodyEffect):
     def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> float:
         """Fields and forces of the deformed body into data, in place. Returns E, J."""
         field, force, moments, sizes = _act_on(particles, x, F)
-        rows = data[: SIZE * len(sizes)].reshape(-1, SIZE)
+        rows = data[: LOAD_SIZE * len(sizes)].reshape(-1, LOAD_SIZE)
         rows[:, :3] = field / MU0
         rows[:, 3:] = force / sizes[:, None]
         return -0.5 * float(np.sum(moments * field))
@@ -136,7 +136,7 @@ class MagneticInteraction(BodyEffect):
         field = np.zeros_like(places)
         force = np.zeros_like(places)
         _act_change(places, moments, np.cbrt(sizes), of, moved, bent + turned, field, force)
-        rows = change[: SIZE * len(sizes)].reshape(-1, SIZE)
+        rows = change[: LOAD_SIZE * len(sizes)].reshape(-1, LOAD_SIZE)
         rows[:, :3], rows[:, 3:] = field / MU0, force / sizes[:, None]
 
     @staticmethod
@@ -223,16 +223,16 @@ def _gather(block, segment, volume, remanence, x, F, sizes, of, places, moments)
 def _radial(r, d):
     """h(r) and h' / r: h = K g(r) / r^5, of blocks whose edges have the mean d, at the distance r, m."""
     q = r / d
-    if q >= NEAR:
+    if q >= DIPOLES_FROM:
         h = K / r**5
         return h, -5.0 * h / r**2
-    if q >= 1.0:  # g = 1 - TOUCHING smoothstep(t)
-        t = (NEAR - q) / (NEAR - 1.0)
+    if q >= 1.0:  # g = 1 - TOUCHING_PRISM smoothstep(t)
+        t = (DIPOLES_FROM - q) / (DIPOLES_FROM - 1.0)
         bare = K / r**5
-        h = bare * (1.0 - TOUCHING * t * t * (3.0 - 2.0 * t))
-        slope = bare * TOUCHING * 6.0 * t * (1.0 - t) / ((NEAR - 1.0) * d)
+        h = bare * (1.0 - TOUCHING_PRISM * t * t * (3.0 - 2.0 * t))
+        slope = bare * TOUCHING_PRISM * 6.0 * t * (1.0 - t) / ((DIPOLES_FROM - 1.0) * d)
         return h, (slope - 5.0 * h / r) / r
-    most = (1.0 - TOUCHING) * K / d**5  # K / r^5 to second order about r = d
+    most = (1.0 - TOUCHING_PRISM) * K / d**5  # K / r^5 to second order about r = d
     return most * (21.0 - 35.0 * q + 15.0 * q * q), most * (30.0 * q - 35.0) / (d * r)
 
 
@@ -240,20 +240,20 @@ def _radial(r, d):
 def _radial_change(r, d):
     """Slopes of h and of h' / r (_radial), by r."""
     q = r / d
-    if q >= NEAR:
+    if q >= DIPOLES_FROM:
         h = K / r**5
         return -5.0 * h / r, 35.0 * h / r**3
     if q >= 1.0:
-        t = (NEAR - q) / (NEAR - 1.0)
-        steep = 1.0 / ((NEAR - 1.0) * d)
+        t = (DIPOLES_FROM - q) / (DIPOLES_FROM - 1.0)
+        steep = 1.0 / ((DIPOLES_FROM - 1.0) * d)
         bare = K / r**5
-        g = 1.0 - TOUCHING * t * t * (3.0 - 2.0 * t)
-        slope = TOUCHING * 6.0 * t * (1.0 - t) * steep
-        curve = -TOUCHING * 6.0 * (1.0 - 2.0 * t) * steep * steep
+        g = 1.0 - TOUCHING_PRISM * t * t * (3.0 - 2.0 * t)
+        slope = TOUCHING_PRISM * 6.0 * t * (1.0 - t) * steep
+        curve = -TOUCHING_PRISM * 6.0 * (1.0 - 2.0 * t) * steep * steep
         dh = bare * (slope - 5.0 * g / r)
         ddh = bare * (curve - 10.0 * slope / r + 30.0 * g / (r * r))
         return dh, (ddh - dh / r) / r
-    most = (1.0 - TOUCHING) * K / d**5
+    most = (1.0 - TOUCHING_PRISM) * K / d**5
     return most * (30.0 * q - 35.0) / d, most * 35.0 / (d * r * r)
 
 
@@ -280,7 +280,7 @@ def _act_on_one(a, given):
         n1 = moments[b, 1]
         n2 = moments[b, 2]
         r2 = x * x + y * y + z * z
-        h, steep = _radial(np.sqrt(r2) + TINY, 0.5 * (edges[a] + edges[b]))
+        h, steep = _radial(np.sqrt(r2) + LEAST_DISTANCE, 0.5 * (edges[a] + edges[b]))
         nd = n0 * x + n1 * y + n2 * z
         md = m0 * x + m1 * y + m2 * z
         mn = m0 * n0 + m1 * n1 + m2 * n2
@@ -334,7 +334,7 @@ def _act_change_of_one(a, given):
             dmd = dmd + dm * x + m * dx
             mn = mn + m * n
             dmn = dmn + dm * n + m * dn
-        r = np.sqrt(r2) + TINY
+        r = np.sqrt(r2) + LEAST_DISTANCE
         d = 0.5 * (edges[a] + edges[b])
         h, steep = _radial(r, d)
         slope, bend = _radial_change(r, d)
@@ -375,7 +375,7 @@ def _row(data, magnet):
     """Index in data of the first number of a particle's block; -1 for none."""
     if len(magnet) < 4 or magnet[3] < 0.0:
         return -1
-    return SIZE * int(magnet[3])
+    return LOAD_SIZE * int(magnet[3])
 
 
 @compiled

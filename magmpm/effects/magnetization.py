@@ -21,8 +21,10 @@ from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import highest, lanes
 from magmpm.effects.base import SceneLike
 
-NEAR = 1e-9  # of tr U: the error left after a step of Newton's that is so short is its square
-MOST_STEPS = 60  # no deformation needs more than 12; without det F > 0 there may be no root
+ROOT_TOLERANCE = (
+    1e-9  # of tr U: the error left after a step of Newton's that is so short is its square
+)
+MOST_ROOT_STEPS = 60  # no deformation needs more than 12; without det F > 0 there may be no root
 
 
 def rotating(scene: SceneLike) -> NDArray[np.bool_]:
@@ -88,11 +90,11 @@ def rotation(F):
     I1 = aa + bb + cc
     I2 = _dot(x, x) + _dot(y, y) + _dot(z, z)
     s = 0.5 * (I1 + 3.0)  # at least sqrt(3 I1), which is at least tr U
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_ROOT_STEPS):
         w = s * s - I1
         step = (w * w - 4.0 * I2 - 8.0 * J * s) / (4.0 * s * w - 8.0 * J)
         s = s - step
-        if not _largest(step - NEAR * s) > 0.0:
+        if not _largest(step - ROOT_TOLERANCE * s) > 0.0:
             break
     i2 = 0.5 * (s * s - I1)
     size = s * i2 - J

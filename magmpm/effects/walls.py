@@ -270,7 +270,7 @@ def _path(tube: TubularLumen) -> Array:
 @lru_cache(maxsize=4)
 def _surface_table(surface: Surface, spacing: float) -> DistanceTable:
     corners = UNITS[surface.unit] * outline(
-        surface.mesh, distance.THIN * spacing / UNITS[surface.unit]
+        surface.mesh, distance.SLIVER_THICKNESS * spacing / UNITS[surface.unit]
     )
     return distance.solid([corners], corners, spacing, 0.0)
 

@@ -15,7 +15,7 @@ from magmpm.compiled.jit import compiled
 # Vacuum permeability, T m/A, as the SI defined it until 2019. scipy.constants.mu_0, which is measured since then, is less by 1.3e-10 of it;
 # remanences are known to some 1e-2, and the references that results are compared with use this value.
 MU0 = 4e-7 * math.pi
-SIZE = 7
+DIPOLE_SIZE = 7
 K = 1e-7  # mu0 / 4 pi, T m/A
 POINT = 1e-6  # m, radius of a dipole that is given none
 

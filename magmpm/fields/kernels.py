@@ -28,7 +28,7 @@ _spline_value = spline.value
 _spline_gradient = spline.gradient
 _spline_curvature = spline.curvature
 _spline_size = spline.size_of
-DIPOLE = dipole.SIZE
+DIPOLE = dipole.DIPOLE_SIZE
 
 
 @compiled

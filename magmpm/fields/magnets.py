@@ -17,7 +17,7 @@ from magmpm.fields.dipole import POINT
 from magmpm.fields.schedule import places, sample_times
 from magmpm.fields.sources import Dipole, FieldSource, Magnet
 
-CHUNK = 200_000  # points per call: magpylib's work arrays are some twenty times as large
+POINTS_PER_CALL = 200_000  # points per call: magpylib's work arrays are some twenty times as large
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,8 @@ def exact(field: FieldSource) -> Any:
 
     def evaluate(points: Array) -> Array:
         out = np.zeros((len(points), 3))
-        for first in range(0, len(points), CHUNK):
-            part = slice(first, first + CHUNK)
+        for first in range(0, len(points), POINTS_PER_CALL):
+            part = slice(first, first + POINTS_PER_CALL)
             for source in sources:
                 out[part] += np.asarray(source.getB(points[part])).reshape(-1, 3)
         return out

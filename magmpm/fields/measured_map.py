@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import in_mm, show
-from magmpm.fields.spline import FEWEST
+from magmpm.fields.spline import LEAST_NODES_OF_SPLINE
 from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_faults, table_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
 from magmpm.inputs.settings import Settings, fault, from_file, named_file
@@ -155,9 +155,10 @@ def _axis(path: Path, coordinates: Array, name: str) -> Array:
         [[True], step > 1e-4 * (step.max() if len(step) else 1.0)]
     )  # nearer ones belong to one plane
     found = found[keep]
-    if len(found) < FEWEST:
+    if len(found) < LEAST_NODES_OF_SPLINE:
         rule = (
-            f"a map has at least {FEWEST} grid points along each axis; along {name} it has"
+            f"a map has at least {LEAST_NODES_OF_SPLINE} grid points along each axis; along"
+            f" {name} it has"
             f" {len(found)}"
         )
         raise TableError(str(path), rule=rule, remedy="measure more planes")

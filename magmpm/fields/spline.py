@@ -19,7 +19,7 @@ from magmpm.compiled.simd import folded, halves, load, splat
 
 HEADER = 18
 AXES = 9  # where the table's axes begin in its header: a matrix whose columns they are, row by row
-FEWEST = 4  # nodes along an axis: a cubic needs as many
+LEAST_NODES_OF_SPLINE = 4  # nodes along an axis: a cubic needs as many
 
 
 def coefficients(values: Array) -> Array:
@@ -37,8 +37,10 @@ def _along(values: Array, axis: int) -> Array:
 
     moved = np.moveaxis(values, axis, 0)
     n = len(moved)
-    if n < FEWEST:
-        raise ValueError(f"a cubic spline needs {FEWEST} nodes along each axis, got {n}")
+    if n < LEAST_NODES_OF_SPLINE:
+        raise ValueError(
+            f"a cubic spline needs {LEAST_NODES_OF_SPLINE} nodes along each axis, got {n}"
+        )
     size = n + 2
     bands = np.zeros((9, size))  # solve_banded: bands[4 + i - j, j] = a[i, j]
     for j, entry in enumerate((1.0, -4.0, 6.0, -4.0, 1.0)):

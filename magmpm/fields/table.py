@@ -116,12 +116,12 @@ def _field(positions: Array, moments: Array, points: Array) -> Array:
     return K * np.sum(3 * (along / r**5)[..., None] * d - moments / (r**3)[..., None], axis=1)
 
 
-MAX_NODES = 2_500_000  # 60 MB
+MOST_TABLE_NODES = 2_500_000  # 60 MB
 SAMPLE = 1500
 # times the tolerance: allowed error of the gradient; a cubic's derivative converges one order
 # slower
 GRADIENT = 10.0
-STEP = 2e-6  # m, of the differences for the exact gradient
+GRADIENT_STEP = 2e-6  # m, of the differences for the exact gradient
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,8 @@ def tabulate(
 ) -> tuple[Array, Errors]:
     """The packed table (fields.spline) of a field over a box, and its errors.
 
-    exact: points (n, 3) m -> B (n, 3) T; tolerance: of B, relative. Raises SceneError where MAX_NODES do not reach it; `what`: the sources.
+    exact: points (n, 3) m -> B (n, 3) T; tolerance: of B, relative. Raises SceneError where MOST_TABLE_NODES do not reach it; `what`: the
+    sources.
     """
     extent = box.upper - box.lower
     points = _sample(box) @ box.frame.T
@@ -162,9 +163,12 @@ def tabulate(
     errors = None
     while True:
         shape = tuple(
-            int(n) for n in np.maximum(np.ceil(extent / step).astype(int) + 1, spline.FEWEST + 2)
+            int(n)
+            for n in np.maximum(
+                np.ceil(extent / step).astype(int) + 1, spline.LEAST_NODES_OF_SPLINE + 2
+            )
         )
-        if np.prod(shape, dtype=float) > MAX_NODES:
+        if np.prod(shape, dtype=float) > MOST_TABLE_NODES:
             found = (
                 ""
                 if errors is None
@@ -177,7 +181,7 @@ def tabulate(
                 what,
                 found=(
                     f"a table over {box.text()} can't be accurate to {1e2 * tolerance:g} % with "
-                    f"{MAX_NODES} nodes{found}"
+                    f"{MOST_TABLE_NODES} nodes{found}"
                 ),
                 rule=(
                     "the field near an edge of a magnet or a wire varies too fast for a table that"
@@ -249,8 +253,8 @@ def _differences(exact: Callable[[Array], Array], points: Array) -> Array:
     """grad B (n, 3, 3) T/m by central differences."""
     out = np.empty((len(points), 3, 3))
     for k in range(3):
-        shift = STEP * np.eye(3)[k]
-        out[:, :, k] = (exact(points + shift) - exact(points - shift)) / (2 * STEP)
+        shift = GRADIENT_STEP * np.eye(3)[k]
+        out[:, :, k] = (exact(points + shift) - exact(points - shift)) / (2 * GRADIENT_STEP)
     return out
 
 

@@ -17,7 +17,7 @@ from magmpm.inputs.user_files import UnfitFile, read_regular
 
 COLUMNS = ("s_mm", "x_mm", "y_mm", "z_mm")
 MAX_ROWS = 100_000
-MAX_BYTES = (
+MOST_TABLE_BYTES = (
     200_000_000  # of the largest table there is, a map of half a million points with all digits
 )
 MAX_MM = 10_000.0  # 10 m: a larger coordinate is a unit mistaken
@@ -98,7 +98,7 @@ def table_lines(path: Path, start: str) -> Iterator[CsvLine]:
     rule = "the table must be a readable text file"
     remedy = "check the path and its permissions"
     try:
-        lines = read_regular(path, MAX_BYTES).decode("utf-8-sig").splitlines()
+        lines = read_regular(path, MOST_TABLE_BYTES).decode("utf-8-sig").splitlines()
     except FileNotFoundError:
         reason = "no such file"
         remedy = "check the path; it is relative to the file that names it"
@@ -107,7 +107,7 @@ def table_lines(path: Path, start: str) -> Iterator[CsvLine]:
         remedy = start
     except UnfitFile as error:
         reason = str(error.strerror)
-        rule = f"the table must be a regular file of at most {MAX_BYTES // 1_000_000} MB"
+        rule = f"the table must be a regular file of at most {MOST_TABLE_BYTES // 1_000_000} MB"
         remedy = start
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -16,7 +16,7 @@ from typing import Any
 
 LOOPBACK = "127.0.0.1"
 ALL = ("0.0.0.0", "::")
-PATIENCE = 20.0  # s for a request to be sent, and for an answer to be taken
+SECONDS_OF_REQUEST = 20.0  # s for a request to be sent, and for an answer to be taken
 MOST_CONNECTIONS = 64  # a browser opens six
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -61,7 +61,7 @@ def _same_address(name: str, reached: str) -> bool:
 
 
 class GuardedServer(ThreadingHTTPServer):
-    """A server that closes connections which ask nothing within PATIENCE, and keeps at most MOST_CONNECTIONS.
+    """A server that closes connections which ask nothing within SECONDS_OF_REQUEST, and keeps at most MOST_CONNECTIONS.
 
     Where one more comes, the one that has requested nothing for longest is closed, or the new one if all are being answered.
     """
@@ -109,7 +109,7 @@ class GuardedServer(ThreadingHTTPServer):
     def service_actions(self) -> None:
         """Close connections that request nothing; called by serve_forever again and again."""
         with self._lock:
-            while self._close_oldest(PATIENCE):
+            while self._close_oldest(SECONDS_OF_REQUEST):
                 pass
 
     def close_request(self, request: Any) -> None:
@@ -125,7 +125,7 @@ class GuardedServer(ThreadingHTTPServer):
 class GuardedHandler(BaseHTTPRequestHandler):
     """A request to a GuardedServer. With a body, the server waits until `waits_for` says that it is read."""
 
-    timeout = PATIENCE
+    timeout = SECONDS_OF_REQUEST
     server: GuardedServer
 
     def handle_one_request(self) -> None:

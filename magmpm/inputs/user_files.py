@@ -104,7 +104,7 @@ _KINDS = (
 )
 
 
-MOST = 64_000_000  # bytes of a JSON file of results
+MOST_JSON_BYTES = 64_000_000  # bytes of a JSON file of results
 
 
 class UnfitFile(OSError):
@@ -135,7 +135,7 @@ FORBIDDEN = frozenset('/\\<>:"|?*')
 RESERVED = frozenset(  # names of devices on Windows, with any ending
     {"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))}
 )
-LONGEST = 100  # characters
+LONGEST_NAME = 100  # characters
 
 
 def folder_fault(name: str) -> tuple[str, str] | None:
@@ -165,6 +165,6 @@ def folder_fault(name: str) -> tuple[str, str] | None:
         )
     if name.split(".")[0].strip().lower() in RESERVED:
         return rule, f"choose another name: {name.split('.')[0]} is a device on Windows"
-    if len(name) > LONGEST:
-        return f"{rule}, of at most {LONGEST} characters", "shorten it"
+    if len(name) > LONGEST_NAME:
+        return f"{rule}, of at most {LONGEST_NAME} characters", "shorten it"
     return None

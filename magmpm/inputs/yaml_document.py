@@ -16,8 +16,8 @@ import yaml
 from magmpm.errors import InputError, Key, SceneError, dotted, report, show, undotted
 from magmpm.inputs.user_files import UnfitFile, read_regular
 
-MAX_BYTES = 1_000_000
-MAX_NODES = 100_000
+MOST_YAML_BYTES = 1_000_000
+MOST_YAML_NODES = 100_000
 MOST_DEPTH = 100  # of brackets in brackets
 
 
@@ -133,7 +133,7 @@ def _read_text(path: Path) -> str:
     try:
         if path.is_dir():
             raise InputError(f"{path}: this is a folder", rule=_RULE, remedy="name a file in it")
-        return read_regular(path, MAX_BYTES).decode("utf-8-sig")
+        return read_regular(path, MOST_YAML_BYTES).decode("utf-8-sig")
     except FileNotFoundError:
         siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, siblings, n=1)
@@ -149,7 +149,7 @@ def _read_text(path: Path) -> str:
         byte = f"byte {error.object[error.start]:#04x} at {error.start} is not UTF-8"
         raise InputError(f"{path}: not a text file ({byte})", rule=_RULE, remedy=_START) from None
     except UnfitFile as error:
-        rule = f"must be a regular file, and must not exceed {MAX_BYTES} bytes"
+        rule = f"must be a regular file, and must not exceed {MOST_YAML_BYTES} bytes"
         raise InputError(f"{path}: {error.strerror}", rule=rule, remedy=_START) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
@@ -203,7 +203,7 @@ class _Builder:
 
     def value(self, node: yaml.Node, at: Key) -> Any:
         self.nodes += 1
-        if self.nodes > MAX_NODES or id(node) in self.open:
+        if self.nodes > MOST_YAML_NODES or id(node) in self.open:
             rule = "aliases must not contain themselves"
             raise InputError(
                 self.report(node, at, received="an alias", rule=rule, remedy="write the values out")

@@ -21,7 +21,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, only_where
 from magmpm.effects.contact_force import (
     KEPT,
-    MOST,
+    MOST_PUSH,
     PARTS,
     leaves,
     push,
@@ -48,12 +48,14 @@ FORCE = ROOM + 2
 DEPTH = ROOM + 5
 BEGUN = ROOM + 6
 MEMORY = ROOM + 7
-CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
-TRIES = 20
+PLACE_TOLERANCE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
+MOST_PLACE_ITERATIONS = 20
 # of the distance d of a point from the surface: if the place below it has moved by less, d is good
 # to some percent
-SETTLED = 0.25
-NEAR = 0.5  # of d: the present distance of the surface is at least this, whatever the strain
+GOOD_WHILE_MOVED = 0.25
+LEAST_SHARE_OF_DISTANCE = (
+    0.5  # of d: the present distance of the surface is at least this, whatever the strain
+)
 
 
 class SolidCells(NamedTuple):
@@ -179,7 +181,7 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, invers
     slope = work[9:18]
     u = work[18:21]
     normal = work[21:]
-    for _ in range(TRIES):
+    for _ in range(MOST_PLACE_ITERATIONS):
         for k in range(6):  # two cells farther along each axis
             xi = (X[k % 3] - cells.low[3 * cell + k % 3]) / cells.width[3 * cell + k % 3]
             after = cells.next[6 * cell + 2 * (k % 3) + (1 if xi > 0.5 else 0)]
@@ -192,7 +194,7 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, invers
             u[i] = x[i] - X[i] - u[i]
             off = max(off, abs(u[i]) / cells.width[3 * cell + i])
         _inverted(F, inverse)
-        if off < CLOSE:
+        if off < PLACE_TOLERANCE:
             return cell, solid_distance(solids, s, X, normal)
         slope[:3] = X
         for i in range(3):
@@ -209,7 +211,7 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, invers
         if (
             d > 0.0
             and (X[0] - slope[0]) ** 2 + (X[1] - slope[1]) ** 2 + (X[2] - slope[2]) ** 2
-            < (SETTLED * d) ** 2
+            < (GOOD_WHILE_MOVED * d) ** 2
         ):
             return cell, d
     return cell, 0.0
@@ -253,7 +255,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL], d = X, cell, d - memory[at + BEGUN]
         if not d < 0.0:
             leaves(memory, at + FRICTION)
-            memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
+            memory[at + ROOM] = memory[-1] + 0.5 * LEAST_SHARE_OF_DISTANCE * d
             continue
         named = np.fmin(surface.friction[p], cells.friction[cell])
         friction = named if named >= 0.0 else law[1]
@@ -284,7 +286,7 @@ def _add_all(meeting, surface, along_x, along_y, force):
         at = MEMORY * pair
         if not memory[at + DEPTH] > 0.0:
             continue
-        rubs += 1.0 if memory[at + FRICTION + MOST] > 0.0 else 0.0
+        rubs += 1.0 if memory[at + FRICTION + MOST_PUSH] > 0.0 else 0.0
         p = meeting.point[pair]
         cell = int(memory[at + CELL])
         f0 = memory[at + FORCE]
@@ -311,7 +313,7 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
     for k in range(count):
         pair = turned(k, count, back)
         at = MEMORY * pair
-        if not (memory[at + DEPTH] > 0.0 and memory[at + FRICTION + MOST] > 0.0):
+        if not (memory[at + DEPTH] > 0.0 and memory[at + FRICTION + MOST_PUSH] > 0.0):
             continue
         cell = int(memory[at + CELL])
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)

@@ -33,7 +33,7 @@ from magmpm.kernels.equilibrium import (
 )
 from magmpm.materials import cofactor, determinant, stress, tangent, volume_pressure
 
-ROWS = 4  # of each particle: three of gradients, one of values
+ROWS_PER_PARTICLE = 4  # of each particle: three of gradients, one of values
 
 
 @inner
@@ -151,8 +151,10 @@ class _Room(NamedTuple):
 @compiled
 def _room(most, k, modes):
     """Work space for cells of at most this many particles."""
-    rows = ROWS * most
-    sizes = np.array([3 * k, STENCIL, 0, 3 * k * ROWS, STENCIL * ROWS], np.int32)
+    rows = ROWS_PER_PARTICLE * most
+    sizes = np.array(
+        [3 * k, STENCIL, 0, 3 * k * ROWS_PER_PARTICLE, STENCIL * ROWS_PER_PARTICLE], np.int32
+    )
     return _Room(
         np.empty((rows, STENCIL)),
         np.empty((STENCIL // 3, 9 * k)),
@@ -174,7 +176,7 @@ def _room(most, k, modes):
 def _rows(first, last, particles, room):
     """Write the rows of a cell's particles."""
     for p in range(first, last):
-        q = ROWS * (p - first)
+        q = ROWS_PER_PARTICLE * (p - first)
         _particle_gradients(particles.weights[p], particles.slopes[p], room.G[q : q + 3])
         particle_splines(particles.weights[p], room.G[q + 3])
 
@@ -182,7 +184,7 @@ def _rows(first, last, particles, room):
 @compiled
 def _to_nodes(count, fortran, room):
     """C = G^T T: forces at a cell's nodes."""
-    multiply(ROWS * count, fortran, room, 1, 1, 2, room.T, 0, room.G, 1, room.C)
+    multiply(ROWS_PER_PARTICLE * count, fortran, room, 1, 1, 2, room.T, 0, room.G, 1, room.C)
 
 
 @inner
@@ -224,7 +226,7 @@ def scatter(cells, particles, column, P, f, fortran, out):
 def _slots_of_cell(first, last, volume, P, f, T):
     """Write volume P and -volume f of a cell's particles to T (rows, 3, slots)."""
     for p in range(first, last):
-        q = ROWS * (p - first)
+        q = ROWS_PER_PARTICLE * (p - first)
         for slot in range(len(P)):
             for i in range(3):
                 for j in range(3):
@@ -257,7 +259,7 @@ def _products_of_slab(slab, given):
         _rows(first, last, particles, room)
         _gather(cells.plane[cell], cells.row[cell], columns, room.C)
         multiply(
-            ROWS * (last - first), fortran, room, 0, 2, 1, room.C, 0, room.G, 1, room.D
+            ROWS_PER_PARTICLE * (last - first), fortran, room, 0, 2, 1, room.C, 0, room.G, 1, room.D
         )  # gradients, values at particles
         _stress_changes(first, last, particles, calls, x, F, room)
         _to_nodes(last - first, fortran, room)
@@ -270,9 +272,9 @@ def _products_of_slab(slab, given):
             1,
             1,
             2,
-            room.D[ROWS - 1 :],
+            room.D[ROWS_PER_PARTICLE - 1 :],
             3,
-            room.G[ROWS - 1 :],
+            room.G[ROWS_PER_PARTICLE - 1 :],
             4,
             room.C,
         )  # of values alone
@@ -323,7 +325,7 @@ def _scatter_all(plane, rows, C, out):
 def _weigh(first, last, volume, D):
     """Multiply the rows of values by the particles' volumes."""
     for p in range(first, last):
-        q = ROWS * (p - first) + 3
+        q = ROWS_PER_PARTICLE * (p - first) + 3
         for i in range(3):
             for k in range(D.shape[2]):
                 D[q, i, k] *= volume[p]
@@ -338,7 +340,7 @@ def _stress_changes(first, last, particles, calls, x, F, room):
     _volume_moments(first, last, volume, modes, F, c)
     s[:] = 0.0
     for p in range(first, last):
-        q = ROWS * (p - first)
+        q = ROWS_PER_PARTICLE * (p - first)
         J = determinant(F[p])
         pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
         cofactor(F[p], cof)
@@ -356,7 +358,7 @@ def _stress_changes(first, last, particles, calls, x, F, room):
     for p in range(
         first, last if len(c) > 0 else first
     ):  # the projected volume part: a change of pressure
-        q = ROWS * (p - first)
+        q = ROWS_PER_PARTICLE * (p - first)
         cofactor(F[p], cof)
         for mode in range(len(c)):
             scale = volume[p] * bulk[first] * modes[p, mode]

@@ -13,10 +13,10 @@ from magmpm.compiled.jit import compiled
 
 # TIME s, of all steps; IMPULSE N s, of the push since the swings in a row BEGUN (s); LOW: 1 after the push was next to nothing; SLID: 1
 # if something has slid since the last swing; SWINGS in a row, the FIRST and the LAST of them (s); FOUND 1/s: frequency of the longest row
-# of at least ENOUGH, 0 for none.
+# of at least PERIODS_OF_FLUTTER, 0 for none.
 TIME, IMPULSE, BEGUN, LOW, SLID, SWINGS, FIRST, LAST, FOUND, NUMBERS = range(10)
-NOTHING = 0.05  # of the mean push: next to nothing
-ENOUGH = 10
+NO_PUSH = 0.05  # of the mean push: next to nothing
+PERIODS_OF_FLUTTER = 10
 QUIET = 5.0  # periods without a swing end a row
 
 
@@ -40,7 +40,7 @@ def count_swings(flutter, push, slides, dt):
     mean = flutter[IMPULSE] / (now - flutter[BEGUN])
     if slides > 0.0:
         flutter[SLID] = 1.0
-    if push < NOTHING * mean:
+    if push < NO_PUSH * mean:
         flutter[LOW] = 1.0
     elif flutter[LOW] > 0.0 and push > 2.0 * mean:
         swings = swings + 1.0 if flutter[SLID] > 0.0 else 0.0
@@ -49,7 +49,7 @@ def count_swings(flutter, push, slides, dt):
         flutter[LAST] = now
         flutter[LOW] = 0.0
         flutter[SLID] = 0.0
-        if swings >= ENOUGH:
+        if swings >= PERIODS_OF_FLUTTER:
             flutter[FOUND] = (swings - 1.0) / (now - flutter[FIRST])
     flutter[SWINGS] = swings
 

@@ -11,8 +11,8 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined
 from magmpm.compiled.simd import eight, load, one_by_one, splat, store
 from magmpm.kernels.mass_correction import (
+    KNOTS_SEEN,
     NEARBY,
-    SEEN,
     add_impulse,
     ahead_at,
     fields_at,
@@ -67,8 +67,8 @@ def add_at(field, node, along_x, along_y, weights, at, f):
 
 class Places(NamedTuple):
     """Places (n,) of the body on which impulses act: the first node of the cell of each; splines (SPLINES n,) of its nodes, row by row; of
-    the mass correction (kernels.mass_correction) the first knot that it sees, -1 for none, fields (9 SEEN n,), and column
-    (9 (2 NEARBY + SEEN) n,).
+    the mass correction (kernels.mass_correction) the first knot that it sees, -1 for none, fields (9 KNOTS_SEEN n,), and column
+    (9 (2 NEARBY + KNOTS_SEEN) n,).
     """
 
     node: Index
@@ -78,8 +78,8 @@ class Places(NamedTuple):
     column: Array
 
 
-FIELDS = 9 * SEEN
-COLUMN = 9 * (2 * NEARBY + SEEN)
+FIELDS = 9 * KNOTS_SEEN
+COLUMN = 9 * (2 * NEARBY + KNOTS_SEEN)
 
 
 @compiled

@@ -1,7 +1,7 @@
 """The correction of the lumped mass in a step of a motion: plane by plane, and along chains of hats (dynamics.nodal_mass).
 
 Inverse mass = 1/m + A (C^-1 - L^-1) A', with the fields A = hat(x) (1, y, z), C = A'M A and L = A'm A. Along a chain both matrices couple
-a knot with REACH others on each side, so a step takes two solves with factors that never change.
+a knot with KNOTS_APART others on each side, so a step takes two solves with factors that never change.
 
 Impulses that come one after another, of friction, must see what those before have changed, the correction as well: without it they stop
 too much, up to twice, and what sticks vibrates without end. They take C^-1 - L^-1 itself, near the knots that they see.
@@ -16,8 +16,8 @@ from magmpm.compiled.simd import eight, load, one_by_one, splat, store
 
 FIELDS = 3  # 1, y and z in a plane of nodes
 # knots: splines reach over two planes, so hats that are two knots from each other still overlap
-REACH = 2
-SEEN = 4  # knots whose hats a place of a cell may see
+KNOTS_APART = 2
+KNOTS_SEEN = 4  # knots whose hats a place of a cell may see
 # knots from those that an impulse sees: farther off it changes velocities by less than 4 % of that
 NEARBY = 4
 
@@ -27,7 +27,7 @@ class Correction(NamedTuple):
 
     order (m,), first (planes + 1,): the nodes of each plane; arm (2 nodes,): y and z in cells from the component's center;
     plane (active,): of each of Nodes.active, the last one where nothing is corrected; left, share (planes,): knot before the plane, and
-    the value of the next knot's hat; chain (components + 1,): first knot of each; pivot (2, knots, 3, 3), link (2, knots, REACH, 3,
+    the value of the next knot's hat; chain (components + 1,): first knot of each; pivot (2, knots, 3, 3), link (2, knots, KNOTS_APART, 3,
     3): factors of C and L; moving (3,): 1 for directions in which nodes can move; plane_of (nodes,): the plane of every node; chain_of
     (knots,): the chain of each knot; gain, gain_at (chains,): C^-1 - L^-1 of the chains, one after another, and where each begins. Work
     space: moment, added (planes + 1, 9), load, ahead (knots, 9), answer (2, knots, 9).
@@ -96,7 +96,7 @@ def _solve(pivot, link, first, last, load, answer):
         for a in range(FIELDS):
             for i in range(3):
                 value = load[k, 3 * a + i]
-                for d in range(min(REACH, k - first)):
+                for d in range(min(KNOTS_APART, k - first)):
                     for b in range(FIELDS):
                         value -= link[k, d, a, b] * answer[k - 1 - d, 3 * b + i]
                 answer[k, 3 * a + i] = value
@@ -107,7 +107,7 @@ def _solve(pivot, link, first, last, load, answer):
             y2 = answer[k, 6 + i]
             for a in range(FIELDS):
                 value = pivot[k, a, 0] * y0 + pivot[k, a, 1] * y1 + pivot[k, a, 2] * y2
-                for d in range(min(REACH, last - 1 - k)):
+                for d in range(min(KNOTS_APART, last - 1 - k)):
                     for b in range(FIELDS):
                         value -= link[k + 1 + d, d, b, a] * answer[k + 1 + d, 3 * b + i]
                 answer[k, 3 * a + i] = value
@@ -190,7 +190,7 @@ def fields_at(correction, node, along_x, along_y, splines, at, fields, begun):
     """
     none = len(correction.left)
     first = -1
-    fields[begun : begun + 9 * SEEN] = 0.0
+    fields[begun : begun + 9 * KNOTS_SEEN] = 0.0
     for a in range(3):
         plane = none
         sums = (0.0, 0.0, 0.0)
@@ -225,7 +225,7 @@ def ahead_at(correction, first, fields, at):
     ahead = correction.ahead
     low = splat(0.0)
     last = 0.0
-    for k in range(min(SEEN, len(ahead) - first)):
+    for k in range(min(KNOTS_SEEN, len(ahead) - first)):
         low = low + load(fields, at + 9 * k) * load(ahead, 9 * (first + k))
         last += fields[at + 9 * k + 8] * ahead[first + k, 8]
     a = one_by_one(low)
@@ -248,8 +248,8 @@ def give_of(correction, first, fields, at, column, to):
     end = correction.chain[chain + 1]
     wide = 3 * (end - begin)
     low = max(first - NEARBY, begin)
-    high = min(first + SEEN + NEARBY, end)
-    seen = 3 * (min(first + SEEN, end) - first)
+    high = min(first + KNOTS_SEEN + NEARBY, end)
+    seen = 3 * (min(first + KNOTS_SEEN, end) - first)
     rows = 3 * (high - low)
     column[to : to + rows] = 0.0
     for j in range(seen):  # the matrix is symmetric: its rows are columns
@@ -273,11 +273,11 @@ def add_impulse(correction, first, fields, at, column, to, f):
         return
     chain = correction.chain_of[first]
     low = max(first - NEARBY, correction.chain[chain])
-    high = min(first + SEEN + NEARBY, correction.chain[chain + 1])
+    high = min(first + KNOTS_SEEN + NEARBY, correction.chain[chain + 1])
     x, y, z = f
     lanes = eight(x, y, z, x, y, z, x, y)
     _add_rows(correction.ahead, low, high - low, column, to, lanes, z)
-    _add_rows(correction.load, first, min(SEEN, high - first), fields, at, lanes, z)
+    _add_rows(correction.load, first, min(KNOTS_SEEN, high - first), fields, at, lanes, z)
 
 
 @inlined

@@ -21,7 +21,7 @@ from magmpm.effects.calls import call_each, given_for, points_from, pushes
 from magmpm.effects.contact_force import (
     GRIP,
     KEPT,
-    MOST,
+    MOST_PUSH,
     PARTS,
     leaves,
     own_grip,
@@ -168,7 +168,7 @@ def rubbing_patches(surface, cells, nodes, correction, state, rubs):
         if rubs[slab] == 0.0:
             continue
         for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
-            if not kept[PATCH * patch + MOST] > 0.0:
+            if not kept[PATCH * patch + MOST_PUSH] > 0.0:
                 continue
             places.node[count] = surface.first_node[patch]
             for j in range(SPLINES):

@@ -19,7 +19,7 @@ from magmpm.errors import InputError, report
 from magmpm.results.file_names import CHECKPOINT, SUBFOLDERS
 
 LOCK = ".lock"
-PATIENCE = 2.0  # s: a process that has just been killed may need a moment to go
+SECONDS_FOR_THE_KILLED = 2.0  # s: a process that has just been killed may need a moment to go
 _held: dict[tuple[Path, int], int] = {}  # (folder, thread) -> how many times over
 
 
@@ -180,8 +180,8 @@ def _described(text: str) -> str:
 
 
 def _try_lock(stream: IO[str]) -> bool:
-    """Try to lock within PATIENCE; True if the lock was obtained. File systems without locks count as free."""
-    until = time.monotonic() + PATIENCE
+    """Try to lock within SECONDS_FOR_THE_KILLED; True if the lock was obtained. File systems without locks count as free."""
+    until = time.monotonic() + SECONDS_FOR_THE_KILLED
     try:
         while not lock_descriptor(stream.fileno(), blocking=False):
             if time.monotonic() > until:

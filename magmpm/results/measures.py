@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from magmpm.bodies.curves import STATIONS, on_rows
+from magmpm.bodies.curves import AXIS_STATIONS, on_rows
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
 from magmpm.materials import magnetization
@@ -252,7 +252,7 @@ class Frames:
         self.times.append(time)
         self.tips.append(None if tip is None else np.array(tip))
         if len(axis):
-            along = np.linspace(0.0, axis[-1, 0], STATIONS)
+            along = np.linspace(0.0, axis[-1, 0], AXIS_STATIONS)
             self.points.append(on_rows(axis[:, 0], axis[:, 1:], along)[0])
         else:
             self.points.append(centers.copy() if tip is None else np.vstack([centers, tip]))

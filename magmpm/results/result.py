@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.assembly import different_names
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, count, length, lengths, quantity, report, require
-from magmpm.inputs.user_files import MOST, read_regular
+from magmpm.inputs.user_files import MOST_JSON_BYTES, read_regular
 from magmpm.results import notices
 from magmpm.results.file_names import ARRAYS, NUMBERS
 from magmpm.results.whole_file import whole_file, write_json
@@ -98,7 +98,9 @@ def readable(folder: Path) -> bool:
             whole = all(
                 stored[name] is not None for name in stored.files
             )  # each array has a checksum
-        return whole and isinstance(json.loads(read_regular(folder / NUMBERS, MOST)), dict)
+        return whole and isinstance(
+            json.loads(read_regular(folder / NUMBERS, MOST_JSON_BYTES)), dict
+        )
     except (
         Exception
     ):  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
@@ -129,7 +131,7 @@ def _unreadable(folder: Path, error: Exception) -> str:
     damaged = NUMBERS
     try:
         if isinstance(
-            numbers := json.loads(read_regular(folder / NUMBERS, MOST)), dict
+            numbers := json.loads(read_regular(folder / NUMBERS, MOST_JSON_BYTES)), dict
         ) and not readable(folder):
             damaged = ARRAYS
         what = str(error) if isinstance(numbers, dict) else f"it holds {json.dumps(numbers)[:40]}"
@@ -512,7 +514,7 @@ class Result:
         """
         folder = Path(folder)
         try:
-            numbers = json.loads(read_regular(folder / NUMBERS, MOST))
+            numbers = json.loads(read_regular(folder / NUMBERS, MOST_JSON_BYTES))
             with np.load(folder / ARRAYS) as stored:
                 arrays = dict(stored)
             found = {**_LATER, **numbers, **arrays}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.errors import InputError
-from magmpm.inputs.user_files import MOST, read_regular
+from magmpm.inputs.user_files import MOST_JSON_BYTES, read_regular
 from magmpm.results.file_names import (
     ABOUT,
     CHECKPOINT,
@@ -224,7 +224,7 @@ def _remove(
 def read_mapping(path: Path) -> dict[str, Any]:
     """A JSON file's mapping; empty where it can't be read."""
     try:
-        known = json.loads(read_regular(path, MOST))
+        known = json.loads(read_regular(path, MOST_JSON_BYTES))
     except (OSError, ValueError):
         return {}
     return known if isinstance(known, dict) else {}

@@ -2,7 +2,7 @@
 
 Three limits, each with its reason:
 
-* STRETCH: the neo-Hookean law follows rubber in tension to a stretch of about 1.5. Beyond, rubber is first softer than it, by up to a
+* LARGE_STRETCH: the neo-Hookean law follows rubber in tension to a stretch of about 1.5. Beyond, rubber is first softer than it, by up to a
   fifth, and from about 5 on far stiffer (Treloar, The Physics of Rubber Elasticity, chapter 5); filled silicone stiffens sooner.
 * VOLUME: silicone's own K/G is near 1000, and its volume hardly changes. K = 20 G stands in for that while the volume changes by a few
   percent only: at 20 % the pressure is 4 G. And the law's K/2 (J - 1)^2 resists by no more than K/2 however small J gets.
@@ -10,7 +10,8 @@ Three limits, each with its reason:
   two cells across, the fewest there are, a cell then turns by half a radian, as much as the one curvature that the quadratic splines
   have in a cell should stand for: so the grid needs no limit of its own.
 
-Strain in less than SHARE of the volume is ignored: at the rim of a clamp and where materials meet it is singular; finer cells show more.
+Strain in less than SHARE_STRETCHED of the volume is ignored: at the rim of a clamp and where materials meet it is singular; finer cells
+show more.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ from magmpm.compiled.jit import compiled
 from magmpm.materials import determinant, poisson_ratio
 from magmpm.model import Model
 
-STRETCH = 1.5
+LARGE_STRETCH = 1.5
 VOLUME = 0.2
-SHARE = 0.005
+SHARE_STRETCHED = 0.005
 REMEDY = "check the units of loads and of shear_modulus"
 
 
@@ -42,7 +43,7 @@ class Strain:
     stretch : float, no unit
         The largest stretch.
     stretched : float, no unit
-        Share of the volume, 0 to 1, that is stretched beyond STRETCH.
+        Share of the volume, 0 to 1, that is stretched beyond LARGE_STRETCH.
     swollen : float, no unit
         Share of the volume whose det F is beyond VOLUME from 1.
     min_det_F : float, no unit
@@ -101,13 +102,14 @@ class Strain:
         """
         when = "" if self.time is None else f", at {self.time:.3g} s"
         found = []
-        if self.stretched > SHARE:
+        if self.stretched > SHARE_STRETCHED:
             found.append(
                 f"strain: {100 * self.stretched:.3g} % of the volume is stretched to more than "
-                f"{STRETCH:g} times its length (at most {self.stretch:.3g} times{when}), where "
+                f"{LARGE_STRETCH:g} times its length (at most {self.stretch:.3g}"
+                f" times{when}), where "
                 f"the neo-Hookean law no longer describes silicone; {REMEDY}"
             )
-        if self.swollen > SHARE:
+        if self.swollen > SHARE_STRETCHED:
             found.append(
                 f"strain: {100 * self.swollen:.3g} % of the volume has a det F below {1 - VOLUME:g}"
                 f" or above {1 + VOLUME:g} (it is {self.min_det_F:.3g} to {self.max_det_F:.3g}),"
@@ -199,14 +201,14 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
     squares = np.empty(len(F))
     _invariants(F, J, squares)
     least = (
-        STRETCH**2 + 2.0 * J / STRETCH
-    )  # of tr F^T F where the stretch is STRETCH: the other two are alike
+        LARGE_STRETCH**2 + 2.0 * J / LARGE_STRETCH
+    )  # of tr F^T F where the stretch is LARGE_STRETCH: the other two are alike
     some = np.union1d(np.flatnonzero(squares >= least * (1 - 1e-12)), [int(np.argmax(squares))])
     stretch = np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F[some], F[some]))[:, 2])
     whole = float(volume.sum())
     return Strain(
         stretch=float(stretch.max()),
-        stretched=float(volume[some[stretch > STRETCH]].sum()) / whole,
+        stretched=float(volume[some[stretch > LARGE_STRETCH]].sum()) / whole,
         swollen=float(volume[np.abs(J - 1.0) > VOLUME].sum()) / whole,
         min_det_F=float(J.min()),
         max_det_F=float(J.max()),

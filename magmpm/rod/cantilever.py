@@ -13,7 +13,7 @@ from magmpm.scene import Scene
 BORNE = (
     2 / 3
 )  # (2 sqrt(2)/9) / (sqrt(2)/3): the largest moment of a tube that flattens, over that of a round one at the same curvature
-MOMENTS = 5  # of a motion, in equal parts, at whose fields a weight is laid on its rest
+MOMENTS_OF_WEIGHT = 5  # of a motion, in equal parts, at whose fields a weight is laid on its rest
 
 
 def is_cantilever(scene: Scene) -> bool:
@@ -73,7 +73,7 @@ def weight_in_motion(scene: Scene) -> float:
     time. Raises SolveError where its rod finds no rest."""
     still = without_motion(scene)
     moved = 0.0
-    for time in np.linspace(0.0, scene.duration, MOMENTS).tolist():
+    for time in np.linspace(0.0, scene.duration, MOMENTS_OF_WEIGHT).tolist():
         heavy, light = (
             solve_rod(one, time=time).position for one in (_heavy(still, Gravity()), still)
         )

@@ -34,9 +34,9 @@ from magmpm.rod.kernels import frames_of, relax
 from magmpm.scene import Scene
 
 # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
-ELEMENTS = 180
+ROD_ELEMENTS = 180
 MOST_TURNS = 40  # iterations of a fixed point
-FOLLOWED = 1e-4  # of the length: accuracy that a start needs
+START_ACCURACY = 1e-4  # of the length: accuracy that a start needs
 Surroundings = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -203,7 +203,11 @@ class RodModel:
 
 
 def rod_model(
-    scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None
+    scene: Scene,
+    elements: int = ROD_ELEMENTS,
+    *,
+    extensible: bool = True,
+    time: float | None = None,
 ) -> RodModel:
     """Make the rod of a scene. Elements end where segments end.
 
@@ -211,7 +215,7 @@ def rod_model(
     ----------
     scene : Scene
         The scene.
-    elements : int, default ELEMENTS
+    elements : int, default ROD_ELEMENTS
         How many.
     extensible : bool, default True
         Whether it stretches and shears; else it is the pure elastica.
@@ -263,7 +267,11 @@ def rod_model(
 
 
 def solve_rod(
-    scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None
+    scene: Scene,
+    elements: int = ROD_ELEMENTS,
+    *,
+    extensible: bool = True,
+    time: float | None = None,
 ) -> RodShape:
     """Find the equilibrium of the scene's rod on the branch that grows from zero load.
 
@@ -275,7 +283,7 @@ def solve_rod(
     ----------
     scene : Scene
         The scene.
-    elements : int, default ELEMENTS
+    elements : int, default ROD_ELEMENTS
         How many.
     extensible : bool, default True
         As of `rod_model`.
@@ -358,7 +366,7 @@ def solve_rod_model(
         more for a larger load.
     surroundings : Surroundings, optional
         As of `along_rod`, if field and pull depend on the shape. They are kept constant while
-        the rod relaxes, then found again, until the shape converges (FOLLOWED).
+        the rod relaxes, then found again, until the shape converges (START_ACCURACY).
 
     Returns
     -------
@@ -415,7 +423,7 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
             force = force + share * (new_force - force)
             moved = np.abs(found.position - position).max()
             position = found.position
-            if moved < (FOLLOWED if factor == 1.0 else 20 * FOLLOWED) * s[-1]:
+            if moved < (START_ACCURACY if factor == 1.0 else 20 * START_ACCURACY) * s[-1]:
                 break
         else:
             status = 1

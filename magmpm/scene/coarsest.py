@@ -7,7 +7,7 @@ from magmpm.errors import InputError
 from magmpm.scene.scene import Scene
 
 FAINT = 1e-3  # of the load
-FINEST = 8  # cells across that are tried
+MOST_CELLS_TRIED = 8  # cells across that are tried
 
 
 def coarsest(scene: Scene) -> Scene:
@@ -36,13 +36,13 @@ def coarsest(scene: Scene) -> Scene:
 
 def coarsest_cells(scene: Scene) -> int:
     """Cells across of the coarsest grid that the scene can have: two, or more where its magnetization turns within a few cells."""
-    for cells in range(2, FINEST):
+    for cells in range(2, MOST_CELLS_TRIED):
         try:
             scene.with_cells(cells)
         except InputError:
             continue
         return cells
-    return FINEST
+    return MOST_CELLS_TRIED
 
 
 def knots_of(scene: Scene) -> Knots:

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from magmpm.bodies.segments import SHORTEST
+from magmpm.bodies.segments import SHORTEST_SEGMENT
 from magmpm.effects.acting import NO_LOADS
 from magmpm.effects.base import SceneLike
 from magmpm.errors import InputError
@@ -64,7 +64,7 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
         data["body"]["catheter"]["segments"],
         catheter.segment_lengths(),
         length,
-        SHORTEST * catheter.diameter,
+        SHORTEST_SEGMENT * catheter.diameter,
     )
     catheter_data = {
         **data["body"]["catheter"],

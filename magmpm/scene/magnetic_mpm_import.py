@@ -26,7 +26,7 @@ from magmpm.errors import InputError, report
 from magmpm.inputs.settings import Settings, fault, validate
 from magmpm.inputs.user_files import allow, read_regular
 from magmpm.inputs.vectors import three
-from magmpm.inputs.yaml_document import MAX_BYTES, read_yaml
+from magmpm.inputs.yaml_document import MOST_YAML_BYTES, read_yaml
 from magmpm.scene import Scene, load_scene
 
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -117,7 +117,7 @@ def import_robot(
 def _spare(target: Path, text: str) -> None:
     """Raises InputError where an import would change an existing file: somebody may have worked on it."""
     try:
-        same = not target.exists() or read_regular(target, MAX_BYTES) == text.encode()
+        same = not target.exists() or read_regular(target, MOST_YAML_BYTES) == text.encode()
     except OSError as error:
         raise InputError(
             f"-o: received {target}: can't be written ({error.strerror}); name another file"

@@ -11,7 +11,7 @@ from magmpm.scene import Scene
 
 # Bytes by which a process grows for each particle of a motion and its share of the grid: 860 were measured by tests/benchmarks/resident.py.
 # Most of it is needed while the scene is built; a part of that may not be given back.
-GROWTH = 850
+BYTES_PER_PARTICLE = 850
 # a lower bound of the same, for where only a lower bound of the number of particles is known
 BYTES = 800
 

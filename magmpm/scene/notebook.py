@@ -14,15 +14,15 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import lengths, quantity, stability_in_words
 
 # px of a panel
-WIDTH = 300.0
+PANEL_WIDTH = 300.0
 HEIGHT = 190.0
 MARGIN = 26.0
 VIEWS = (("side", "x", "z", 0, 2), ("top", "x", "y", 0, 1))
 BODY = "#CC6644"
 UNDEFORMED = "#AAAAAA"
 INK = "#222222"
-MOST = 200  # points of a curve, arrows of a body
-PARTS = 12  # whose places a table shows
+MOST_POINTS_DRAWN = 200  # points of a curve, arrows of a body
+MOST_PARTS_LISTED = 12  # whose places a table shows
 
 
 def of_scene(scene: Any) -> str:
@@ -62,17 +62,17 @@ def _body(scene: Any) -> str:
     shape = scene.body.shape
     lengths = list(shape.segment_lengths()) if hasattr(shape, "segment_lengths") else []
     regions = scene.regions()
-    if len(lengths) != len(regions) or len(lengths) > MOST:
+    if len(lengths) != len(regions) or len(lengths) > MOST_POINTS_DRAWN:
         lengths = [float(high[0] - low[0])]
         regions = ()
     begins = low[0] + np.concatenate([[0.0], np.cumsum(lengths)])
     scale, middle = _fit(low, high)
     parts = []
     for k, (name, across, up, i, j) in enumerate(VIEWS):
-        left = k * WIDTH
+        left = k * PANEL_WIDTH
         parts.append(_text(left + 6, 14, f"{name}: {across} right, {up} up"))
         for n, length in enumerate(lengths):
-            x = left + WIDTH / 2 + scale * (begins[n] - middle[0])
+            x = left + PANEL_WIDTH / 2 + scale * (begins[n] - middle[0])
             y = HEIGHT / 2 - scale * (high[j] - middle[j])
             height = scale * (high[j] - low[j])
             box = f'x="{x:.1f}" y="{y:.1f}" width="{scale * length:.1f}" height="{height:.1f}"'
@@ -115,7 +115,9 @@ def _fit(low: Array, high: Array) -> tuple[float, Array]:
     """The scale, px per m, at which a box fits both views, and its middle."""
     extent = max(float(np.max(high - low)), 1e-9)
     across = max(float(np.max((high - low)[1:])), 0.35 * extent)
-    return min((WIDTH - 2 * MARGIN) / extent, (HEIGHT - 2 * MARGIN) / across), (low + high) / 2
+    return min((PANEL_WIDTH - 2 * MARGIN) / extent, (HEIGHT - 2 * MARGIN) / across), (
+        low + high
+    ) / 2
 
 
 def panels(curves: Sequence[Array], width: float = 4.0) -> str:
@@ -125,18 +127,18 @@ def panels(curves: Sequence[Array], width: float = 4.0) -> str:
     high = points.max(axis=0)
     (scale, middle), parts = _fit(low, high), []
     for k, (name, across, up, i, j) in enumerate(VIEWS):
-        left = k * WIDTH
+        left = k * PANEL_WIDTH
         parts.append(_text(left + 6, 14, f"{name}: {across} right, {up} up"))
         for number, curve in enumerate(curves):
             last = number == len(curves) - 1
-            x = left + WIDTH / 2 + scale * (curve[:, i] - middle[i])
+            x = left + PANEL_WIDTH / 2 + scale * (curve[:, i] - middle[i])
             y = HEIGHT / 2 - scale * (curve[:, j] - middle[j])
             look = (
                 f'stroke="{BODY}" stroke-width="{width:g}"'
                 if last
                 else f'stroke="{UNDEFORMED}" stroke-width="2" stroke-dasharray="5 4"'
             )
-            some = np.linspace(0, len(x) - 1, min(len(x), MOST)).astype(int)
+            some = np.linspace(0, len(x) - 1, min(len(x), MOST_POINTS_DRAWN)).astype(int)
             path = " ".join(f"{x[n]:.1f},{y[n]:.1f}" for n in some)
             parts.append(f'<polyline points="{path}" fill="none" {look}/>')
             if last:
@@ -156,7 +158,10 @@ def _whole(parts: list[str], scale: float, extent: Array) -> str:
         ),
     ]
     parts.append(_text(MARGIN + scale * bar + 6, HEIGHT - 8, f"{1e3 * bar:g} mm"))
-    size = f'width="{2 * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {2 * WIDTH:g} {HEIGHT:g}"'
+    size = (
+        f'width="{2 * PANEL_WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {2 * PANEL_WIDTH:g}'
+        f' {HEIGHT:g}"'
+    )
     look = 'style="background:#fff" font-family="sans-serif" font-size="11"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {look}>{"".join(parts)}</svg>'
 
@@ -179,9 +184,9 @@ def of_result(result: Any) -> str:
     """A Result as HTML: its axis, m, and figures."""
     places = [] if result.tip is None else [("tip", lengths(result.tip))]
     named = list(result.positions.items())
-    places += [(name, lengths(place)) for name, place in named[:PARTS]]
-    if len(named) > PARTS:
-        places.append(("more parts", f"{len(named) - PARTS}, in `positions`"))
+    places += [(name, lengths(place)) for name, place in named[:MOST_PARTS_LISTED]]
+    if len(named) > MOST_PARTS_LISTED:
+        places.append(("more parts", f"{len(named) - MOST_PARTS_LISTED}, in `positions`"))
     rows = [*places, ("det F", f"{result.min_det_F:.4f} to {result.max_det_F:.4f}")]
     if not result.converged:
         rows.insert(0, ("NOT CONVERGED", result.failure or "the last good state"))

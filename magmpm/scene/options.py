@@ -36,7 +36,7 @@ from magmpm.inputs.settings import (
 )
 from magmpm.materials import STIFFEST, bulk_over_shear, poisson_ratio, shear_of_young
 
-MOST_FRAMES = 100_000
+MOST_FRAMES_WRITTEN = 100_000
 
 
 class Dynamic(Settings):
@@ -112,10 +112,12 @@ class Dynamic(Settings):
     @model_validator(mode="after")
     def _frames_can_be_counted(self) -> Dynamic:
         frames = self.duration / (self.output_every or self.duration)
-        if frames > MOST_FRAMES * (1 + 1e-9):
+        if frames > MOST_FRAMES_WRITTEN * (1 + 1e-9):
             raise fault(
-                f"a motion has at most {MOST_FRAMES} frames, and this would have {frames:.4g}",
-                f"at least `output_every: {self.duration / MOST_FRAMES:.3g} s`, or omit it for a "
+                f"a motion has at most {MOST_FRAMES_WRITTEN} frames, and this would have"
+                f" {frames:.4g}",
+                f"at least `output_every: {self.duration / MOST_FRAMES_WRITTEN:.3g} s`, or"
+                " omit it for a "
                 f"hundred frames, here `output_every: {10 * self.duration:.3g} ms`",
                 ("output_every",),
             )
@@ -164,7 +166,7 @@ class QuasiStatic(Settings):
         default=None,
         strict=True,
         ge=1,
-        le=MOST_FRAMES - 1,
+        le=MOST_FRAMES_WRITTEN - 1,
         description=(
             "Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this"
             " or `at`."
@@ -175,7 +177,7 @@ class QuasiStatic(Settings):
         Field(
             default=None,
             min_length=2,
-            max_length=MOST_FRAMES,
+            max_length=MOST_FRAMES_WRITTEN,
             description="Times of the equilibria, rising; give this or `steps`.",
             examples=[["0 s", "0.1 s", "0.15 s"]],
         )

@@ -11,8 +11,8 @@ from magmpm.fields.schedule import end_time
 from magmpm.scene.scene import Scene
 
 RAMPED = {"field_steps": 40, "max_steps": 150}  # of statics: small steps, each with many iterations
-FOLLOWED = 60  # equilibria along a ramp of the field
-SHARE = 0.9  # of the load or the time that was reached
+PATH_STEPS_ADVISED = 60  # equilibria along a ramp of the field
+SHARE_OF_REACHED = 0.9  # of the load or the time that was reached
 WEAKER = (0.5, 0.1)  # of the load, where it is not known how much was borne
 ENERGY = (  # how the reason of a motion begins whose steps are too long
     "energy is not conserved"
@@ -91,7 +91,7 @@ def _begun(error: SolveError) -> bool:
 def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Remedy that ends what happens along time before the moment at which it went wrong."""
     reached = getattr(error.state, "time", 0.0) if _begun(error) else 0.0
-    until = float(f"{SHARE * reached:.3g}")
+    until = float(f"{SHARE_OF_REACHED * reached:.3g}")
     if not until > 0.0:
         return ()
     if scene.solver.dynamic is not None:
@@ -142,8 +142,8 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         if scene.field.over_time is not None
         else {"field.over_time": {"ramp": {"duration": 1.0}}}
     )
-    followed = {"solver.quasi_static": {"steps": FOLLOWED}, "solver.static": {}, **ramp}
-    words = f"solver.quasi_static: {{steps: {FOLLOWED}}}" + (
+    followed = {"solver.quasi_static": {"steps": PATH_STEPS_ADVISED}, "solver.static": {}, **ramp}
+    words = f"solver.quasi_static: {{steps: {PATH_STEPS_ADVISED}}}" + (
         " with field.over_time: {ramp: {duration: 1 s}}" if ramp else ""
     )
     # Of 38 random scenes a ramp in small steps brought 5 to an answer, a weaker load 32, and equilibria along time none.
@@ -153,7 +153,7 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """A weaker field and weight, where there is no rest under the whole load: as much as was borne, or parts where that is not known."""
     share = getattr(error.state, "load_share", 1.0)
-    borne = tuple(float(f"{part * share:.3g}") for part in (SHARE, WEAKER[0]))
+    borne = tuple(float(f"{part * share:.3g}") for part in (SHARE_OF_REACHED, WEAKER[0]))
     parts = WEAKER if share >= 1.0 else borne if share > 0.0 else (WEAKER[-1], 2e-3)
     over = scene.field.over_time
     weight = scene.effects.gravity

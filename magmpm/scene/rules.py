@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from magmpm.bodies.catheter import THIN_WALL
-from magmpm.bodies.mesh_quadrature import TOUCHING
+from magmpm.bodies.mesh_quadrature import TOUCHING_DISTANCE
 from magmpm.effects.base import SceneLike
 from magmpm.effects.contact_law import most_friction
 from magmpm.effects.magnetization import rotating
@@ -396,7 +396,7 @@ def warnings(scene: SceneLike) -> list[str]:
         and scene.effects.self_contact is not None
         and scene.body.parts.in_one_piece
     ):
-        gap = f"{1e3 * TOUCHING * shape.length:.2g} mm"
+        gap = f"{1e3 * TOUCHING_DISTANCE * shape.length:.2g} mm"
         found.append(
             "effects.self_contact: all parts touch and stay joined where their faces meet; parts "
             f"that should slide need a gap of more than {gap}"

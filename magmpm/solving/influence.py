@@ -23,18 +23,20 @@ from magmpm.solving.several_grids import Runs
 
 NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 # of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
-FRAMES = 100
-MOMENTS = 9  # of a path, in equal parts, at most
+FRAMES_OF_MOTION = 100
+MOMENTS_OF_PATH = 9  # of a path, in equal parts, at most
 # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40
 # (tests/benchmarks/advice.py)
 GRID = 0.05
-CLOSE = 0.2  # of the error: a shift that is no nearer to it is on the same side on every grid
-SMALL = 0.5  # of the error: a smaller shift is not looked at on another grid
-LONGEST = (
+CLOSE_TO_ERROR = (
+    0.2  # of the error: a shift that is no nearer to it is on the same side on every grid
+)
+SMALL_SHIFT = 0.5  # of the error: a smaller shift is not looked at on another grid
+LONGEST_COARSE_MOTION = (
     2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
 )
 RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
-FINER = 5.0  # times that long, a motion on a grid with one cell more
+TIME_OF_FINER_GRID = 5.0  # times that long, a motion on a grid with one cell more
 _WHERE = {
     "walls": "tube or surface",
     "viscosity": "viscosity or branches",
@@ -69,7 +71,9 @@ class Variants(Runs):
     error: m, that the answer may have, what the scene requests unless given; longest: s, that a motion may take about.
     """
 
-    def __init__(self, scene: Scene, error: float | None = None, longest: float = LONGEST) -> None:
+    def __init__(
+        self, scene: Scene, error: float | None = None, longest: float = LONGEST_COARSE_MOTION
+    ) -> None:
         super().__init__(scene)
         self.error = error or scene.allowed_error
         self.longest = longest
@@ -81,12 +85,12 @@ class Variants(Runs):
     def shift(self, scene: Scene, other: Scene) -> Shift:
         """Distance between two variants. Raises SolveError where one has no answer or takes too long, InputError where it can't be run."""
         moved = self._distance(scene, other, 0)
-        if moved < SMALL * self.error:
+        if moved < SMALL_SHIFT * self.error:
             return Shift(moved, moved / 2)
         if (
             self.scene.in_time
             and not self._rough(scene, other)
-            and abs(moved - self.error) > CLOSE * self.error
+            and abs(moved - self.error) > CLOSE_TO_ERROR * self.error
         ):
             return Shift(moved, GRID * moved)
         try:
@@ -116,21 +120,22 @@ class Variants(Runs):
         if scene.solver.dynamic is not None:
             data["solver"]["dynamic"] |= {
                 "duration": self.duration,
-                "output_every": self.duration / FRAMES,
+                "output_every": self.duration / FRAMES_OF_MOTION,
                 "time_step": None,
             }
         times = scene.path_times()
-        if len(times) > MOMENTS:
+        if len(times) > MOMENTS_OF_PATH:
             data["solver"]["quasi_static"] = {
                 "at": [
-                    times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)
+                    times[i]
+                    for i in np.linspace(0, len(times) - 1, MOMENTS_OF_PATH).round().astype(int)
                 ]
             }
         coarse = Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells)
         if (
             cells > self.cells
             and coarse.solver.dynamic is not None
-            and motion_seconds(coarse) > FINER * self.longest
+            and motion_seconds(coarse) > TIME_OF_FINER_GRID * self.longest
         ):
             raise SolveError("a motion on a finer grid takes too long")
         return coarse

@@ -60,11 +60,11 @@ from magmpm.statics.stability import mass
 from magmpm.statics.tangent_matrix import Bands, Sparse, new_matrix
 from magmpm.statics.unnamed_loads import missed_loads
 
-PATIENCE = 30.0  # s to wait for another process that compiles the same kernels
+SECONDS_TO_WAIT = 30.0  # s to wait for another process that compiles the same kernels
 REMINDED = 10.0  # s between two lines of who waits
 # factorizations of the solve that only compiles: where a thousandth of the load is easy, it takes 2
 # to 8
-STEPS = 20.0
+STEPS_OF_SMALL_SOLVE = 20.0
 # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB,
 # while it is written twice
 ROOM = 20e6
@@ -141,7 +141,7 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
         # effects take a second: two processes may compile the same.
         sets = [kinds for kinds, use in needed.items() if isinstance(use, str)]
         for path in sorted(marker[kinds] for kinds in sets if not marker[kinds].exists()):
-            alone.enter_context(_alone(path.with_suffix(".lock"), tell, begun + PATIENCE))
+            alone.enter_context(_alone(path.with_suffix(".lock"), tell, begun + SECONDS_TO_WAIT))
         missing = [kinds for kinds, path in marker.items() if not path.exists()]
         if not missing:  # the process we waited for has made them
             return False
@@ -330,8 +330,9 @@ def differentiate_small(small: Scene) -> None:
 
 
 def _briefly() -> AbstractContextManager[None]:
-    """A context in which a solve ends after STEPS factorizations, or steps of a motion: by then it has called all kernels that it calls."""
-    return limited(STEPS, map(float, count()).__next__)
+    """A context in which a solve ends after STEPS_OF_SMALL_SOLVE factorizations, or steps of a motion: by then it has called all kernels
+    that it calls."""
+    return limited(STEPS_OF_SMALL_SOLVE, map(float, count()).__next__)
 
 
 def _begin(_: object, small: dict[str, Any]) -> Callable[[str | Function], bool]:

@@ -37,8 +37,8 @@ from magmpm.statics.grids import (
 )
 from magmpm.statics.newton import OnStep
 from magmpm.statics.resolution import (
-    FLOOR,
-    PATIENCE,
+    LEAST_REACHABLE_ERROR,
+    LONGEST_RUN,
     ChosenGrid,
     choose,
     first_cells,
@@ -137,7 +137,7 @@ class Runs(Grids):
             or not scene.in_time
             or allowed is None
             or at <= 0.0
-            or gone < 0.01 * PATIENCE
+            or gone < 0.01 * LONGEST_RUN
         ):  # then the pace is known
             return
         end = (
@@ -147,12 +147,13 @@ class Runs(Grids):
         )
         alone = gone * end / at
         times = self.times(cells)
-        if alone * times > PATIENCE:
+        if alone * times > LONGEST_RUN:
             raise SceneError(
                 "resolution.error",
                 received=f"{100 * allowed / scene.length:.3g} % of the length",
                 rule=(
-                    f"must be within reach of {PATIENCE:g} s: a run on {cells} cells across takes"
+                    f"must be within reach of {LONGEST_RUN:g} s: a run on {cells} cells"
+                    " across takes"
                     f" {alone:.2g} s, and to know its error {times:.2g} times as long"
                 ),
                 remedy=(
@@ -239,12 +240,15 @@ class Pair(Runs):
 
     @property
     def algebraic(self) -> float:
-        """Error that the solves of both leave, m: of equilibria FLOOR of the length at least."""
+        """Error that the solves of both leave, m: of equilibria LEAST_REACHABLE_ERROR of the length at least."""
         if not self.scene.static:
             return 0.0
         cells = next(iter(self.solved))
         return sum(
-            max(left_by_solve(scene, self.answer(scene, cells).moved), FLOOR * scene.length)
+            max(
+                left_by_solve(scene, self.answer(scene, cells).moved),
+                LEAST_REACHABLE_ERROR * scene.length,
+            )
             for scene in self.scenes
         )
 

@@ -2,9 +2,9 @@
 
 A step is accepted where undamped Newton iterations from the state before contract (step k is at most CONTRACTION^k times the first) to a
 state whose tangent is positive definite: then it is the neighbor of the one before, and stable. Otherwise the step is halved, down to
-FINEST of what the caller requested; where nothing tells that the branch ends, neither an unstable neighbor nor the trend of the smallest
-eigenvalue, to FINEST of that once more. A step that fails even then has passed the end of the branch, where the smallest eigenvalue of the
-tangent reaches zero:
+SHORTEST_ARC of what the caller requested; where nothing tells that the branch ends, neither an unstable neighbor nor the trend of the
+smallest eigenvalue, to SHORTEST_ARC of that once more. A step that fails even then has passed the end of the branch, where the smallest
+eigenvalue of the tangent reaches zero:
 
 * a limit point: the branch turns back, and the body snaps to another. Near it the eigenvalue falls as the root of the distance;
 * a bifurcation: the branch goes on but is unstable, as a straight column is beyond its buckling load. The eigenvalue falls linearly.
@@ -40,10 +40,10 @@ from magmpm.statics.nearby_minima import NearbyMinima
 from magmpm.statics.newton import OnStep
 from magmpm.statics.stability import NO_LOAD, stability, unloaded
 
-FINEST = (
+SHORTEST_ARC = (
     2.0**-10
 )  # of the step requested: attempts are halved down to this, and critical loads known within it
-GROWTH = 2.0  # of the step after one that was accepted
+STEP_GROWTH = 2.0  # of the step after one that was accepted
 # times the last step: how far the way between the last two equilibria is taken to go on
 GOES_ON = 2.5
 Kind = Literal["limit point", "bifurcation"]
@@ -146,8 +146,8 @@ class EquilibriumPath:
         """Go on to a time (s). Returns the jumps on the way. Raises SolveError where the body falls to no rest, or leaves the field."""
         jumps: list[Jump] = []
         self._near.begin()
-        finest = FINEST * (until - self.now.time)
-        growth = GROWTH
+        finest = SHORTEST_ARC * (until - self.now.time)
+        growth = STEP_GROWTH
         beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:
             # Where nothing tells that the branch ends, a step may only have been too long: loads may grow a thousandfold within it.
@@ -155,7 +155,7 @@ class EquilibriumPath:
                 self._near.unstable
                 or _zero_of("limit point", self.before, self.now, beyond) < beyond
             )
-            least = finest if ends else FINEST * finest
+            least = finest if ends else SHORTEST_ARC * finest
             gap = min(until, beyond) - self.now.time
             way = min(gap / 2 if ends else gap, self.now.step)
             if beyond < np.inf and gap <= 1.5 * least:
@@ -175,7 +175,7 @@ class EquilibriumPath:
                 continue
             self.before = self.now
             self.now = replace(found, step=growth * way)
-            growth = GROWTH
+            growth = STEP_GROWTH
             beyond = np.inf if target >= beyond else beyond
         self.now = replace(self.now, iterations=self._near.spent)
         return jumps

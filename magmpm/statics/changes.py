@@ -186,7 +186,7 @@ def _of_field(slots: _Slots, variables: Sequence[Variable]) -> None:
             )
 
 
-STEP = 1e-3  # of a cell's width
+NODE_STEP = 1e-3  # of a cell's width
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def contact_changes(
     found: dict[int, Array] = {}
     for k, one in enumerate(variables if model.touching is not None else ()):
         if one.kind in ("shear_modulus", "density"):
-            step = STEP * getattr(model.scene.materials[str(one.material)], one.kind)
+            step = NODE_STEP * getattr(model.scene.materials[str(one.material)], one.kind)
             total = np.zeros((grid.size // 3, 3))
             for side in (1.0, -1.0):
                 near = _rebuilt(model, one.changed(model.scene, side * step))
@@ -239,7 +239,7 @@ def push_changes(
             continue
         for side in (1.0, -1.0):
             if one.kind in ("shear_modulus", "density"):
-                step = STEP * getattr(model.scene.materials[str(one.material)], one.kind)
+                step = NODE_STEP * getattr(model.scene.materials[str(one.material)], one.kind)
                 near = _rebuilt(model, one.changed(model.scene, side * step))
             else:
                 step = _step(model) if one.kind != ADDRESS else _step_at(model, one)
@@ -309,16 +309,17 @@ def _step(model: StaticModel) -> float:
     touching = (
         1.0 if model.touching is None else 1e-2
     )  # in a longer step points begin or cease to touch
-    return min(STEP, least / 8) * float(model.grid.spacing.min()) * touching
+    return min(NODE_STEP, least / 8) * float(model.grid.spacing.min()) * touching
 
 
 def _step_at(model: StaticModel, variable: Variable) -> float:
-    """Step of a number that has an address: STEP of it, or of the vector that it is a part of; of zeros, of the body's length or 1 SI."""
+    """Step of a number that has an address: NODE_STEP of it, or of the vector that it is a part of; of zeros, of the body's length or 1
+    SI."""
     value = value_at(model.scene, variable.place)
     if isinstance(variable.place[-1], int):
         value = np.linalg.norm(value_at(model.scene, variable.place[:-1]))
     usual = {"m": model.scene.length, "T": 1e-3}.get(variable.unit, 1.0)
-    return STEP * (abs(float(value)) or usual)
+    return NODE_STEP * (abs(float(value)) or usual)
 
 
 def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:

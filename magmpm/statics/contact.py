@@ -30,7 +30,7 @@ from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
 from magmpm.statics.own_contact import OwnContacts
 
-SETTLED = (
+CONTACT_SETTLED = (
     1e-3  # of the grip of all points: how much it may still change, and so the force of friction
 )
 

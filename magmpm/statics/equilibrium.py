@@ -44,7 +44,7 @@ from magmpm.statics.steady_stream import in_stream
 RAMP_STEPS = 8
 # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300
 # steps in robots tried
-PATIENCE = 10
+STEPS_WITHOUT_ROD = 10
 
 BODY = (
     "particles.position",
@@ -416,7 +416,9 @@ def _near_rod(task: _Task) -> Equilibrium:
 
 def _most_steps(model: StaticModel) -> int:
     """Most Newton steps of one solve."""
-    return model.scene.solver.static.max_steps * (1 if model.line is not None else PATIENCE)
+    return model.scene.solver.static.max_steps * (
+        1 if model.line is not None else STEPS_WITHOUT_ROD
+    )
 
 
 def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:

@@ -32,7 +32,7 @@ ALGEBRAIC = (
 # to 1.31 at 2 cells and 1.99 at 3, against the finest grid solved; never at 4. With these factors of safety the worst are 1.05 and 1.47.
 # the slowest order; that of errors that fall steadily; the fastest
 ORDER = 1.5
-LEAST = 1.0
+LEAST_ORDER = 1.0
 FASTEST = 4.0
 PROOF = {
     2: 4,
@@ -92,7 +92,7 @@ def steady(order: float | None) -> bool | None:
     An order is told to the nearest whole one: orders of single scenes scatter by some tenths. Beyond FASTEST no error of the method falls:
     then the coarser grids are too coarse, and their errors are of another kind.
     """
-    return None if order is None else order >= LEAST and round(order) <= FASTEST
+    return None if order is None else order >= LEAST_ORDER and round(order) <= FASTEST
 
 
 def why_undetermined(order: float | None, errors: Sequence[float]) -> str | None:
@@ -101,7 +101,7 @@ def why_undetermined(order: float | None, errors: Sequence[float]) -> str | None
         return None
     if list(errors) != sorted(errors, reverse=True):
         return "the errors do not fall steadily with the cells"
-    if order < LEAST:
+    if order < LEAST_ORDER:
         return "the errors fall too slowly for an order: the grids are too coarse"
     if not steady(order):
         return (

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.curves import STATIONS
+from magmpm.bodies.curves import AXIS_STATIONS
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.errors import SolveError, TimeOver
@@ -30,7 +30,7 @@ from magmpm.statics.tangent_matrix import Bands
 # docs/accuracy.md
 PARTICLE = 2.0e4
 BUILDING = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
-SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
+PROOF_SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
 # length over thickness: above, factors are of double precision. Steps settled as they do with those
 # up to 20, not at 24
 SLENDER = 15.0
@@ -202,7 +202,7 @@ class Equilibria(Grids):
         """Points where errors are meant, (k, 3) m: along the centreline, or at the tip."""
         if self.scene.resolution.of == "tip":
             return axis.tip(model, grid)[None]
-        s = np.linspace(0.0, model.grid.faces[-1], STATIONS)
+        s = np.linspace(0.0, model.grid.faces[-1], AXIS_STATIONS)
         return axis.along_axis(model, grid, axis.section_weights(model), s)
 
     def _solved(self, model: StaticModel, begin_at: int | None) -> Equilibrium:
@@ -246,7 +246,8 @@ def approached(
     The residual of each step is exact, whatever the factors. So these may be of single precision, which takes half the time, unless the
     body is slender: they are right to 1e-7 of the stiffest mode, and the softest one of a body of L/D 30 is no stiffer.
     points(grid): where the difference counts, (k, 3) m; compared (k, 3) m: these of the coarser grid. Steps end when one moves the
-    points by less than SETTLED of their distance to `compared`. slenderness: length over thickness. on_step(number, 0.0): at each step.
+    points by less than PROOF_SETTLED of their distance to `compared`. slenderness: length over thickness. on_step(number, 0.0): at each
+    step.
     """
     point = energy.at(start)
     if not point.min_det_F > 0:
@@ -270,7 +271,7 @@ def approached(
         moved = distance(at, before)
         first = first if step else moved
         on_step(step, 0.0)
-        if step and moved < SETTLED * distance(at, compared):
+        if step and moved < PROOF_SETTLED * distance(at, compared):
             return point.grid
         if moved > 3.0 * first:  # a longer step leads away
             return None

@@ -24,8 +24,8 @@ from magmpm.statics.definite import Definite
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import (
+    ENERGY_ROUNDING,
     LEAST_FRACTION,
-    ROUNDING,
     ROUNDING_AT_REST,
     Minimum,
     OnStep,
@@ -35,7 +35,7 @@ from magmpm.statics.newton import (
 
 FRESH = 6  # steps with one factorization
 MOST_PRODUCTS = 200
-MOST_STEPS = 10  # times max_steps: these steps are cheap
+STEPS_FACTOR = 10  # times max_steps: these steps are cheap
 
 
 class InteractingEnergy:
@@ -196,7 +196,7 @@ def minimize_with_interaction(
 ) -> Minimum:
     """A minimum of the whole energy, from grid coefficients `start` (planes, m) m, as newton.minimize.
 
-    Raises SolveError, with the last point as its state, if MOST_STEPS * max_steps steps do not reach it, or no step lowers the energy.
+    Raises SolveError, with the last point as its state, if STEPS_FACTOR * max_steps steps do not reach it, or no step lowers the energy.
     """
     alone = energy.alone
     rest = energy.at(np.zeros_like(start)).energy
@@ -208,7 +208,7 @@ def minimize_with_interaction(
     age = FRESH
     decrement = np.inf
     scale = 1.0
-    for step in range(1, MOST_STEPS * max_steps + 1):
+    for step in range(1, STEPS_FACTOR * max_steps + 1):
         if age >= FRESH:
             factored(alone, point)
             age = 0
@@ -225,7 +225,7 @@ def minimize_with_interaction(
             return Minimum(point, step, decrement / scale)
         before = point
         fraction = alone.clear_share(point.grid, direction)
-        noise = max(ROUNDING * scale, ROUNDING_AT_REST * alone.least_scale())
+        noise = max(ENERGY_ROUNDING * scale, ROUNDING_AT_REST * alone.least_scale())
         while True:
             point = energy.at(before.grid + fraction * direction)
             if (
@@ -251,7 +251,7 @@ def minimize_with_interaction(
         gradient = after
         age = FRESH if fraction <= 0.25 else age + 1
     raise SolveError(
-        f"no equilibrium of segments that act on each other within {MOST_STEPS * max_steps} steps"
+        f"no equilibrium of segments that act on each other within {STEPS_FACTOR * max_steps} steps"
         f" (energy decrement {decrement / scale:.1e} of the energy, wanted {tolerance:.1e})",
         point,
     )

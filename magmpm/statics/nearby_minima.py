@@ -16,11 +16,11 @@ from magmpm.statics.definite import Definite, lowest_mode
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import NEAR, ROUNDING_AT_REST, OnStep, _chord_steps
+from magmpm.statics.newton import NEAR_MINIMUM, ROUNDING_AT_REST, OnStep, _chord_steps
 
 CONTRACTION = 0.5  # of Newton's steps, below which they are sure to stay with the branch
 # of a step: how far it is shortened at most where points begin to touch
-SHORTEST = 1 / 8
+SHORTEST_STEP = 1 / 8
 MOST_FALLING = 400  # steps of a fall
 # of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone costs the soft mode
 # such an energy
@@ -73,7 +73,7 @@ class NearbyMinima:
             ):  # steps that are shorter may shrink more slowly, down to rounding
                 return None
             allowed = CONTRACTION * (size if allowed == np.inf else allowed)
-            if decrement < NEAR * scale:
+            if decrement < NEAR_MINIMUM * scale:
                 if not definite:
                     self.unstable = True
                     return None
@@ -175,7 +175,7 @@ def _stepped(energy: Energy, point: Point, direction: Array) -> Point:
     if point.touched is None:
         return trial
     part = 1.0
-    while part > SHORTEST and not (trial.min_det_F > 0 and trial.energy <= point.energy):
+    while part > SHORTEST_STEP and not (trial.min_det_F > 0 and trial.energy <= point.energy):
         part = part / 2
         trial = energy.at(point.grid + part * direction)
     return trial

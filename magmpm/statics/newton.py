@@ -23,14 +23,14 @@ from magmpm.scene import time_limit
 from magmpm.statics.energy import Energy, Point
 
 FIRST_SHIFT = 1e-5  # of the largest diagonal entry
-NEAR = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
+NEAR_MINIMUM = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
 PAIRS = 6  # steps that a chord step remembers
 CRAWL = (
     8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
 )
 # times as far as `_leave` says
 NEAREST = 2.0**-6
-FARTHEST = 16.0
+LONGEST_ARC_STEP = 16.0
 # times the decrement: what a step wins whose end is far from the minimum along its way (of a
 # quadratic the step wins as much as the decrement, and twice as much if the energy falls evenly)
 BEYOND = 1.5
@@ -39,7 +39,7 @@ STALL = 15
 STALLED = 0.1
 MOST_LEFT = 8  # unstable equilibria that one solve may leave
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
-ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
+ENERGY_ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
 # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
 ROUNDING_AT_REST = 1e3
 OnStep = Callable[
@@ -57,7 +57,7 @@ class Chord:
     start is a neighbor's shape, so that its tangent is not shifted unless its factors fail.
     """
 
-    near: float = NEAR
+    near: float = NEAR_MINIMUM
     gain: float = 0.1
     corrected: bool = False
     trusted: bool = False
@@ -107,7 +107,7 @@ def minimize(
         decrement = -float(np.sum(residual * direction)) / 2
         scale = max(abs(point.energy - rest), energy.least_scale())
         if (
-            tolerance * scale < decrement < NEAR * scale and shift > 0.0
+            tolerance * scale < decrement < NEAR_MINIMUM * scale and shift > 0.0
         ):  # only a soft mode is left: FIRST_SHIFT would freeze it
             residual, direction, shift = _step(
                 energy, point, 1e-9
@@ -139,7 +139,7 @@ def minimize(
         energies.append(point.energy)
         if (
             step >= STALL
-            and decrement > NEAR * scale
+            and decrement > NEAR_MINIMUM * scale
             and energies[-1 - STALL] - point.energy < STALLED * decrement
         ):
             raise _not_found(
@@ -226,7 +226,7 @@ def _chord_steps(
 ) -> tuple[Point, float]:
     """Take full steps with the last factors, while each gains enough. Returns the last point and its decrement.
 
-    Near a minimum, differences of the energy are rounding errors (ROUNDING). So the decrement decides, not a line search.
+    Near a minimum, differences of the energy are rounding errors (ENERGY_ROUNDING). So the decrement decides, not a line search.
     """
     pairs: list[tuple[Array, Array]] = []
     while True:
@@ -329,7 +329,7 @@ def _along_mode(energy: Energy, point: Point, residual: Array, attempt: int) -> 
     best = point
     for side in (1.0, -1.0):
         part = NEAREST
-        while part <= FARTHEST:
+        while part <= LONGEST_ARC_STEP:
             trial = energy.at(energy.arc(point, way, side * part))
             if not (trial.min_det_F > 0 and trial.energy < best.energy):
                 break
@@ -351,7 +351,7 @@ def _farther(energy: Energy, point: Point, direction: Array, reached: Point) -> 
     if energy.model.layout.straight:
         return reached
     fraction = 2.0
-    while fraction <= FARTHEST:
+    while fraction <= LONGEST_ARC_STEP:
         trial = energy.at(energy.arc(point, direction, fraction))
         if not (trial.min_det_F > 0 and trial.energy < reached.energy):
             break
@@ -367,7 +367,7 @@ def _search(
 ) -> Point:
     """Backtrack along a direction, straight or along an arc, until the energy satisfies the Armijo condition."""
     fraction = energy.clear_share(point.grid, direction)
-    noise = max(ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
+    noise = max(ENERGY_ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
     while True:
         enough = point.energy - 2e-4 * fraction * decrement + noise
         trial = energy.at(point.grid + fraction * direction)

@@ -21,10 +21,12 @@ from magmpm.statics.error_estimate import PROOF, caution, observed_order
 from magmpm.statics.grids import Grids
 from magmpm.statics.newton import OnStep
 
-PATIENCE = 3600.0  # s: an error that would take longer is out of reach
+LONGEST_RUN = 3600.0  # s: an error that would take longer is out of reach
 LARGEST = 0.5  # of the length: a larger error tells nothing
-FLOOR = 1e-6  # of the length: equilibria are known no better (docs/design.md, "End.")
-SHARE = 0.5  # of the machine's memory that a grid may take
+LEAST_REACHABLE_ERROR = (
+    1e-6  # of the length: equilibria are known no better (docs/design.md, "End.")
+)
+SHARE_OF_MEMORY = 0.5  # of the machine's memory that a grid may take
 LATE = 1.15  # of the time requested: a grid that takes longer is given up
 # Where materials meet, grids begin here: of 143 drawn bodies 2 by 4 cells gave errors up to 2 times too small, of 97 3 by 5 one 4 times.
 JOINTED = {3: 6}
@@ -94,7 +96,7 @@ class _GridSearch:
 
     def fits(self, cells: int) -> bool:
         """True if a grid and the finer one that gives its error fit into memory."""
-        return self.grids.size(self.proof[cells]) <= SHARE * memory.machine()
+        return self.grids.size(self.proof[cells]) <= SHARE_OF_MEMORY * memory.machine()
 
 
 def _wall(scene: Scene, cells: int) -> float:
@@ -212,15 +214,16 @@ def check_possible(scene: Scene) -> None:
         raise SceneError(
             key, received=f"{1e3 * wanted:g} mm", rule=rule, remedy="check number and unit"
         )
-    if wanted is not None and wanted < FLOOR * scene.length:
+    if wanted is not None and wanted < LEAST_REACHABLE_ERROR * scene.length:
         raise SceneError(
             key,
             received=f"{100 * wanted / scene.length:.2g} % of the length",
             rule=(
-                f"equilibria are accurate to {100 * FLOOR:g} % of the length at best, the "
+                f"equilibria are accurate to {100 * LEAST_REACHABLE_ERROR:g} % of the"
+                " length at best, the "
                 "tolerance of the solve on any grid"
             ),
-            remedy=f"request {100 * FLOOR:g} % or more",
+            remedy=f"request {100 * LEAST_REACHABLE_ERROR:g} % or more",
         )
 
 
@@ -236,7 +239,7 @@ def _next(search: _GridSearch, tried: int, failure: SolveError | None) -> int | 
         return None
     order = observed_order(search.errors)
     hoped = (
-        law.FASTEST if order is None else min(max(order, law.LEAST) + 0.5, law.FASTEST)
+        law.FASTEST if order is None else min(max(order, law.LEAST_ORDER) + 0.5, law.FASTEST)
     )  # they may fall faster than they did
     if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
         # Two coarse grids far from each other may be too coarse, rather than on other branches: then their distance foretells nothing.
@@ -257,7 +260,7 @@ def _next(search: _GridSearch, tried: int, failure: SolveError | None) -> int | 
         and search.errors[tried] * (tried / solved) ** hoped <= wanted
     ):
         cells = solved
-    if not (search.fits(cells) and search.takes(cells) <= PATIENCE):
+    if not (search.fits(cells) and search.takes(cells) <= LONGEST_RUN):
         raise _out_of_reach(search, wanted, cells)
     return cells
 
@@ -304,13 +307,13 @@ def _out_of_reach(
     length = search.scene.length
     tried = max(search.errors)
     received = f"{100 * wanted / length:.3g} % of the length"
-    limits = f" of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s"
+    limits = f" of {SHARE_OF_MEMORY * memory.machine() / 1e9:.3g} GB and {LONGEST_RUN:g} s"
     if search.errors[tried] > LARGEST * length:
         return _on_branches(search, received, failed)
     within = [
         n
         for n in search.proof
-        if n > tried and search.fits(n) and search.takes(n) <= PATIENCE and not failed
+        if n > tried and search.fits(n) and search.takes(n) <= LONGEST_RUN and not failed
     ]
     most = max(within, default=tried)
     least = law.foretold(search.errors, most)

@@ -28,7 +28,7 @@ MOST_ADDED = 40
 COLUMNS = 3  # soft vectors: of a rod two of bending and one of twist
 # of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of
 # it is left
-ENOUGH = 1e-5
+MOST_WON_BY_A_VECTOR = 1e-5
 NO_LOAD = (
     1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
 )
@@ -137,7 +137,7 @@ def _smallest(
         left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
         w = energy.solve_columns(left)
         won = float(np.sum(w * left))  # mix is of norm 1 in M: what w can win, to first order
-        if stiffer * won < ENOUGH * max(scale, abs(value)):
+        if stiffer * won < MOST_WON_BY_A_VECTOR * max(scale, abs(value)):
             return value - won
         w /= np.abs(w).max()
         Kw, Mw = products(w)

@@ -24,7 +24,7 @@ MOVE = 0.5
 # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the
 # edges' EDGE
 BETWEEN = 0.5
-SHARE = 0.25  # of the stiffness, where both bodies have points, and both give
+SHARE_OF_EACH_BODY = 0.25  # of the stiffness, where both bodies have points, and both give
 REACH = float(
     np.hypot(2 * MOVE, BETWEEN)
 )  # cells from the nearest point of a surface up to which a point is listed
@@ -184,7 +184,7 @@ def _solid_cells(model: Model, still: bool) -> tuple[SolidCells, Index, Index]:
         [np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1]
     )
     after = np.where(cells[at] == beside, at, -1)
-    share = np.where(model.held[one], 1.0, SHARE)
+    share = np.where(model.held[one], 1.0, SHARE_OF_EACH_BODY)
     friction = own_friction(model.scene)[model.particles.segment[one]]
     found = SolidCells(
         first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, friction

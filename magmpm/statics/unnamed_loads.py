@@ -11,7 +11,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects.base import MarkedParticles
 from magmpm.effects.gravity import Gravity
-from magmpm.effects.magnetic_interaction import SIZE, MagneticInteraction
+from magmpm.effects.magnetic_interaction import LOAD_SIZE, MagneticInteraction
 from magmpm.effects.magnetization import rotating
 from magmpm.errors import InputError
 from magmpm.kernels.equilibrium import grid_to_particles
@@ -73,11 +73,11 @@ def _unnamed(scene: Scene, energy: Energy, point: Point) -> Iterator[tuple[str, 
         particles = model.particles
         of = block.astype(int)
         data = np.zeros(
-            SIZE * (of.max() + 2)
+            LOAD_SIZE * (of.max() + 2)
         )  # and a row of zeros at the end, of particles in no block
         marked = MarkedParticles(block, particles.segment, particles.volume, model.remanence)
         MagneticInteraction.refresh(data, marked, point.position, point.F)
-        rows = data.reshape(-1, SIZE)[of]
+        rows = data.reshape(-1, LOAD_SIZE)[of]
         yield "magnetic_interaction", -rows[:, :3, None] * model.remanence[:, None, :3], rows[:, 3:]
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import InputError, require
-from magmpm.inputs.user_files import MOST, read_regular
+from magmpm.inputs.user_files import MOST_JSON_BYTES, read_regular
 from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
 from magmpm.studies.engine.storage import StorageError, storage_faults
@@ -301,7 +301,7 @@ def read_design(folder: Path) -> dict[str, Any]:
         The design; empty if nothing is readable.
     """
     try:
-        design = json.loads(read_regular(folder / DESIGN, MOST))
+        design = json.loads(read_regular(folder / DESIGN, MOST_JSON_BYTES))
     except (OSError, ValueError):
         return {}
     return design if isinstance(design, dict) else {}

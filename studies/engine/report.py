@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from magmpm.errors import MagmpmError
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from magmpm.studies.problem import BRINK, REPORT
+from magmpm.studies.problem import REPORT, STABILITY_AT_BRINK
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
 if TYPE_CHECKING:
@@ -207,8 +207,8 @@ class StudyReport:
 def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
     """Find the feasible trial nearest to the target; of equals, the first.
 
-    If it is less stable than BRINK: of those whose value is at most NEARLY times as large, and not
-    on the brink if one is not, the least value times its cost, 1 + (NEARLY - 1) BRINK / stability.
+    If it is less stable than STABILITY_AT_BRINK: of those whose value is at most NEARLY times as large, and not
+    on the brink if one is not, the least value times its cost, 1 + (NEARLY - 1) STABILITY_AT_BRINK / stability.
 
     Parameters
     ----------
@@ -225,15 +225,18 @@ def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
         t.number: 1.0 if (known := t.user_attrs.get("stability")) is None else max(known, 1e-9)
         for t in near
     }
-    if not near or stability[near[0].number] >= BRINK:
+    if not near or stability[near[0].number] >= STABILITY_AT_BRINK:
         return next(iter(near), None)
     close = [t for t in near if _rms(t) <= NEARLY * _rms(near[0])]
-    stable = [t for t in close if stability[t.number] >= BRINK] or close
-    return min(stable, key=lambda t: _rms(t) * (1.0 + (NEARLY - 1.0) * BRINK / stability[t.number]))
+    stable = [t for t in close if stability[t.number] >= STABILITY_AT_BRINK] or close
+    return min(
+        stable,
+        key=lambda t: _rms(t) * (1.0 + (NEARLY - 1.0) * STABILITY_AT_BRINK / stability[t.number]),
+    )
 
 
 def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
-    """Warn where a best design is less stable than BRINK.
+    """Warn where a best design is less stable than STABILITY_AT_BRINK.
 
     Parameters
     ----------
@@ -245,7 +248,7 @@ def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
     list of str
         One sentence, or none.
     """
-    if best is None or best.get("stability") is None or best["stability"] >= BRINK:
+    if best is None or best.get("stability") is None or best["stability"] >= STABILITY_AT_BRINK:
         return []
     depth = next(
         (
@@ -258,7 +261,7 @@ def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
     return [
         f"the best design is nearly unstable: its stability{depth} is {best['stability']:.2g} (1: "
         "at rest, 0: a critical load), so small errors of body or field may make it snap; "
-        f"`stability: {{margin: {BRINK:g}}}` in the study refuses such designs"
+        f"`stability: {{margin: {STABILITY_AT_BRINK:g}}}` in the study refuses such designs"
     ]
 
 

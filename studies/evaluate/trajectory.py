@@ -27,8 +27,13 @@ from magmpm.scene import Scene
 from magmpm.studies.evaluate.trial import Evaluation, Note, Solve, penalty, silent, stored
 from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.rod_path import FEWEST, RodPath, directions_of, search
-from magmpm.studies.rods.rod_trajectory import ELEMENTS, Depth, RodTrajectory, RodTrajectoryDesign
+from magmpm.studies.rods.rod_path import LEAST_STEPS_PER_DEPTH, RodPath, directions_of, search
+from magmpm.studies.rods.rod_trajectory import (
+    TRAJECTORY_ELEMENTS,
+    Depth,
+    RodTrajectory,
+    RodTrajectoryDesign,
+)
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -36,8 +41,8 @@ if TYPE_CHECKING:
     from magmpm.rod.cosserat import RodShape
     from magmpm.statics.linearized import Sensitivities
 
-STATIONS = 25
-SHOWN = 4  # times in the picture of a schedule, at most
+STATIONS_OF_INSERTION = 25
+MOST_TIMES_SHOWN = 4  # times in the picture of a schedule, at most
 EXIT_WEIGHT = 0.25
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
 CATHETER = (  # ... the whole catheter, of which the last depth may leave a part in the guide
@@ -45,7 +50,7 @@ CATHETER = (  # ... the whole catheter, of which the last depth may leave a part
 )
 SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
 MOVIE = "insertion.json"
-NEAR = 0.01  # of the length: a rod's design that is near enough
+NEAR_TARGET = 0.01  # of the length: a rod's design that is near enough
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,7 @@ class Trajectory(Evaluation, ABC):
         if space.field_max is None or space.fields != len(self.places) or not space.segments:
             return []
         length = self.study.depths[-1] if self.study.depths else space.scene.length
-        enough = NEAR * length
+        enough = NEAR_TARGET * length
         found = search(
             self.rods,
             self.followed,
@@ -334,7 +339,9 @@ class ScheduleTrajectory(Trajectory):
         """Data that pictures need of the times that they show, m and T."""
         fields = self.fields(params)
         found = []
-        for k in np.unique(np.linspace(0, len(results) - 1, SHOWN).round().astype(int)).tolist():
+        for k in np.unique(
+            np.linspace(0, len(results) - 1, MOST_TIMES_SHOWN).round().astype(int)
+        ).tolist():
             frame = self.study.keyframes[k]
             about = {"time_s": frame.time, "field_T": np.round(fields[k], 12).tolist()}
             target = np.round(frame.target[:, 1:], 7).tolist()
@@ -351,7 +358,7 @@ class ScheduleTrajectory(Trajectory):
         movable = np.array(scene.magnetized_regions(), dtype=int)
         rods = RodSchedule(times, self.space.field_max or 0.0, movable, len(scene.regions()))
         return RodPath(
-            rods, tuple((depth,) * FEWEST for depth in rods.depths)
+            rods, tuple((depth,) * LEAST_STEPS_PER_DEPTH for depth in rods.depths)
         )  # of bodies that stay while the field changes
 
     @property
@@ -402,7 +409,7 @@ class RodSchedule(RodTrajectory):
 def _rod(scene: Scene, path: Curve, count: int) -> Depth:
     """The rod of one time of `count`, compared with its shape up to the shape's end."""
     scene = scene.with_field([0.0, 0.0, 0.0])
-    rod = rod_model(scene, max(ELEMENTS, 4 * len(scene.regions())))
+    rod = rod_model(scene, max(TRAJECTORY_ELEMENTS, 4 * len(scene.regions())))
     place = rod.places
     seen = place <= path.length * (1 + 1e-9)
     roots = np.where(seen, np.sqrt(1.0 / (count * seen.sum())), 0.0)
@@ -426,7 +433,7 @@ class InsertionTrajectory(Trajectory):
     length from the exit on.
 
     * body rms: root of the mean, over all depths, of the mean squared distance along the inserted
-      length (STATIONS stations).
+      length (STATIONS_OF_INSERTION stations).
     * exit error: distance of the tip from the path's end, at full insertion (at the last depth from
       the path's point there).
     * worst depth: the largest rms of a single depth.
@@ -486,7 +493,7 @@ class InsertionTrajectory(Trajectory):
         ]
 
     def gaps(self, result: Result, number: int = -1) -> Array:
-        """Vectors (STATIONS, 3) m from the path to one depth's axis."""
+        """Vectors (STATIONS_OF_INSERTION, 3) m from the path to one depth's axis."""
         s = _stations(result)
         return np.asarray(centreline_at(result, s) - self.path.at(s))
 
@@ -495,7 +502,7 @@ class InsertionTrajectory(Trajectory):
 
     def weights(self, number: int) -> Array:
         """Trapezoidal rule."""
-        weights = np.full(STATIONS, 1.0 / (STATIONS - 1))
+        weights = np.full(STATIONS_OF_INSERTION, 1.0 / (STATIONS_OF_INSERTION - 1))
         weights[[0, -1]] /= 2
         return weights
 
@@ -684,5 +691,5 @@ def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
 
 
 def _stations(result: Result) -> Array:
-    """Arc lengths (STATIONS,) m, exit to tip."""
-    return np.linspace(0.0, float(result.centreline[-1, 0]), STATIONS)
+    """Arc lengths (STATIONS_OF_INSERTION,) m, exit to tip."""
+    return np.linspace(0.0, float(result.centreline[-1, 0]), STATIONS_OF_INSERTION)

@@ -42,7 +42,7 @@ SHIFTS = (
     (0.5, 0.5),
     (0.75, 0.25),
 )  # of a cell: other places of the body's axis against the grid
-COARSE = 2  # cells across, on which motions are compared
+CELLS_OF_MOTIONS = 2  # cells across, on which motions are compared
 
 Solve = Callable[[Scene], Result]
 Progress = Callable[[int, int, str], None]
@@ -474,10 +474,11 @@ def _shifted(
 def settled(
     scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
 ) -> list[NeighborModel]:
-    """The same answer as a motion that settles, at COARSE cells: with its time step, and with half of it. Of a scene that moves, its own
-    motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer, by name.
+    """The same answer as a motion that settles, at CELLS_OF_MOTIONS cells: with its time step, and with half of it. Of a scene that
+    moves, its own motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer,
+    by name.
     """
-    coarse = scene.with_cells(COARSE)
+    coarse = scene.with_cells(CELLS_OF_MOTIONS)
     resting = scene.static and not scene.in_time
     motion = coarse if not resting else None if scene.body.shape.line is None else _settling(coarse)
     if motion is None or motion.solver.dynamic is None:
@@ -485,7 +486,7 @@ def settled(
     try:
         same, _ = timed(coarse, solve)
     except SolveError as error:
-        failed[f"what motions are compared with, at {COARSE} cells"] = error
+        failed[f"what motions are compared with, at {CELLS_OF_MOTIONS} cells"] = error
         return []
     reference = scene.reference_centreline()
     found = []
@@ -501,10 +502,12 @@ def settled(
                 Scene.from_si({**data, "solver": {**data["solver"], "dynamic": dynamic}}), solve
             )
         except SolveError as error:
-            failed[f"motion{', half the step' if part < 1.0 else ''}, at {COARSE} cells"] = error
+            failed[
+                f"motion{', half the step' if part < 1.0 else ''}, at {CELLS_OF_MOTIONS} cells"
+            ] = error
             continue
         step = result.time_step if part == 1.0 else step
-        name = f"motion, step {1e6 * (result.time_step or 0.0):.3g} us, at {COARSE} cells"
+        name = f"motion, step {1e6 * (result.time_step or 0.0):.3g} us, at {CELLS_OF_MOTIONS} cells"
         compared = _compared(name, result, seconds, finest, reference, scene.length)
         found.append(
             replace(compared, error_same_cells=distance(result, answer(same)) / scene.length)

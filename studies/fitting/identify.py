@@ -16,8 +16,8 @@ from magmpm.studies.fitting.solve import LeastSquares
 from magmpm.studies.fitting.table import Measurements, Readings
 
 # of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
-FLAT = 1e-6
-WIDEST = (
+LEAST_SINGULAR_VALUE = 1e-6
+WIDEST_INTERVAL = (
     1.0  # in x: half a confidence interval longer than a factor of e (or a radian) tells nothing
 )
 
@@ -99,8 +99,10 @@ def check_identifiable(
     """
     _, values, right = np.linalg.svd(slopes, full_matrices=True)
     values = np.concatenate([values, np.zeros(len(right) - len(values))])
-    least = (1e-3 if differences else FLAT) * values[0]
-    lost = [k for k, value in enumerate(values) if value <= least or quantile / value > WIDEST]
+    least = (1e-3 if differences else LEAST_SINGULAR_VALUE) * values[0]
+    lost = [
+        k for k, value in enumerate(values) if value <= least or quantile / value > WIDEST_INTERVAL
+    ]
     if not lost:
         return
     structural = all(values[k] <= least for k in lost)
@@ -156,7 +158,7 @@ def _plain(constant: Constant) -> str:
 
 
 def _far(constants: Sequence[Constant]) -> str:
-    """Describe the change of constants that noise hides (WIDEST)."""
+    """Describe the change of constants that noise hides (WIDEST_INTERVAL)."""
     ways = {
         "by a factor of 2.7": any(c.relative for c in constants),
         "by 57 degrees": any(c.kind == "magnetization" for c in constants),
@@ -179,7 +181,7 @@ def _fewer(constants: Sequence[Constant], slopes: Array, quantile: float, count:
                 slopes - basis @ (basis.T @ slopes), axis=0
             )  # by what the kept ones do not explain
             best = max(left, key=lambda k: unexplained[k])
-            if unexplained[best] * WIDEST < quantile:
+            if unexplained[best] * WIDEST_INTERVAL < quantile:
                 break
             kept.append(best)
             left.remove(best)
@@ -249,10 +251,10 @@ def measurements_that_tell(
     for candidate in candidates:
         both = np.concatenate([slopes, candidate.slopes])
         values = np.linalg.svd(both, compute_uv=False)
-        if len(values) < len(constants) or values[-1] <= FLAT * 10 * values[0]:
+        if len(values) < len(constants) or values[-1] <= LEAST_SINGULAR_VALUE * 10 * values[0]:
             continue
         widths = 1.96 * np.sqrt(np.diag(np.linalg.inv(both.T @ both)))
-        if widths.max() < WIDEST / 2:
+        if widths.max() < WIDEST_INTERVAL / 2:
             rated.append((float(widths.max()), candidate.words, widths))
     rated.sort(key=lambda one: one[0])
     return [f"{words} ({_widths(constants, widths)})" for _, words, widths in rated[:4]]

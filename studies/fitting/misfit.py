@@ -3,7 +3,8 @@
 To first order: residuals r and slopes J at the minimum, slopes S of what was not varied, less what the constants can do in its place,
 A = S - J J^+ S. Freed, it lowers the sum of squares by the squared projection of r on A, which for normal errors has an F distribution
 (chi-square where the noise is given); probabilities are times the number of suspects. Below DOUBTED, intervals are widened to hold the
-answers with the suspects freed (as if known to WIDEST / 2, fitted anew) as well, and withheld where the data then determine no constant.
+answers with the suspects freed (as if known to WIDEST_INTERVAL / 2, fitted anew) as well, and withheld where the data then determine no
+constant.
 Source: Seber and Lee, Linear Regression Analysis (2003), section 4.3.
 """
 
@@ -20,7 +21,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import GEOMETRY, Constant, constants_of, diameter_of
-from magmpm.studies.fitting.identify import FLAT, WIDEST
+from magmpm.studies.fitting.identify import LEAST_SINGULAR_VALUE, WIDEST_INTERVAL
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.solve import Interval, LeastSquares, least_squares, quantile_of
 from magmpm.studies.fitting.table import Measurements
@@ -100,7 +101,7 @@ class Suspect:
         for one, x, half in zip(intervals, self.x.tolist(), halves.tolist(), strict=False):
             low = None if one.low is None else min(one.low, x - half)
             high = None if one.high is None else max(one.high, x + half)
-            known = half <= WIDEST and one.method != "withheld"
+            known = half <= WIDEST_INTERVAL and one.method != "withheld"
             found.append(
                 Interval(low, high, "widened") if known else Interval(None, None, "withheld")
             )
@@ -162,7 +163,7 @@ def suspects_of(
             if c.relative
         }
         basis, sizes, _ = np.linalg.svd(left[:, at], full_matrices=False)
-        basis = basis[:, sizes > FLAT * np.linalg.norm(slopes[:, at])]
+        basis = basis[:, sizes > LEAST_SINGULAR_VALUE * np.linalg.norm(slopes[:, at])]
         explained = float(np.sum((basis.T @ best.residuals) ** 2))
         count = basis.shape[1]
         if count == 0 or degrees <= count:
@@ -231,7 +232,7 @@ def _settled(
     k = len(one.errors)
     extra = len(one.x) - len(one.errors)
     wide = replace(prediction, constants=one.constants, solves=0)
-    loose = np.sqrt(one.spread) / (WIDEST / 2) * np.eye(len(one.x))[k:]
+    loose = np.sqrt(one.spread) / (WIDEST_INTERVAL / 2) * np.eye(len(one.x))[k:]
     below = np.vstack(
         [np.pad(best.slopes[len(weights) :], ((0, 0), (0, extra))), loose]
     )  # what is known beforehand

@@ -25,7 +25,7 @@ from magmpm.statics.equilibrium import Following
 from magmpm.studies.fitting.constants import Constant, applied, chain
 from magmpm.studies.fitting.table import Measurements, Readings
 
-STEP = 0.01  # of x, for the central differences of motions: 1 % of a modulus
+MOTION_DIFFERENCE = 0.01  # of x, for the central differences of motions: 1 % of a modulus
 
 
 @dataclass(frozen=True)
@@ -398,8 +398,8 @@ class Prediction:
         if not slopes:
             return residuals, np.zeros((len(residuals), 0))
         columns = [
-            (self._moved(x + step) - self._moved(x - step)) / (2 * STEP)
-            for step in STEP * np.eye(len(x))
+            (self._moved(x + step) - self._moved(x - step)) / (2 * MOTION_DIFFERENCE)
+            for step in MOTION_DIFFERENCE * np.eye(len(x))
         ]
         return residuals, np.stack(columns, axis=1)
 

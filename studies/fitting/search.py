@@ -44,7 +44,9 @@ from magmpm.studies.fitting.table import Measurements
 
 __all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]
 
-FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not taken as more exact
+LEAST_READING_ERROR = (
+    1e-6  # of the length: what the solve itself leaves; readings are not taken as more exact
+)
 
 
 @dataclass(frozen=True)
@@ -271,7 +273,7 @@ def fit(
     labels = tuple(prediction.labels)
     degrees = len(labels) - len(constants) + sum(c.known is not None for c in constants)
     sigmas, quantile, source, warnings = _scatter(
-        best, sigmas, degrees, level, labels, FLOOR * scene.length
+        best, sigmas, degrees, level, labels, LEAST_READING_ERROR * scene.length
     )
     model = search.whitened(sigmas)
     best = search.weighed(best, sigmas)
@@ -464,7 +466,7 @@ class _Search:
     def best(self, thorough: bool) -> tuple[LeastSquares, _Noise, list[LeastSquares]]:
         """The least minimum, the standard deviations that it was weighed by, and the other minima."""
         sigmas = _Noise(
-            max(self.noise or 1e-3 * self.length, FLOOR * self.length),
+            max(self.noise or 1e-3 * self.length, LEAST_READING_ERROR * self.length),
             self.angle,
             self.given,
             self.ratios,
@@ -543,8 +545,10 @@ class _Search:
         left = float(np.sum(counted) - np.sum(basis[:n][counted] ** 2))
         change = float(np.sqrt(np.sum(best.residuals[:n][counted] ** 2) / max(left, 0.5)))
         if alone:
-            return replace(sigmas, angle=max(sigmas.angle * change, FLOOR)), max(change, FLOOR)
-        new = replace(sigmas, length=max(sigmas.length * change, FLOOR * self.length))
+            return replace(sigmas, angle=max(sigmas.angle * change, LEAST_READING_ERROR)), max(
+                change, LEAST_READING_ERROR
+            )
+        new = replace(sigmas, length=max(sigmas.length * change, LEAST_READING_ERROR * self.length))
         return new, new.length / sigmas.length
 
     def on_finer_grid(self, best: LeastSquares, sigmas: _Noise, covariance: Array) -> Array:
@@ -576,7 +580,7 @@ def _scatter(
     if not sigmas.given:
         factor = float(np.sqrt(best.cost / max(degrees, 1)))
         if all(label.angle for label in labels):
-            sigmas = replace(sigmas, angle=max(sigmas.angle * factor, FLOOR))
+            sigmas = replace(sigmas, angle=max(sigmas.angle * factor, LEAST_READING_ERROR))
         elif not any(label.angle for label in labels):
             sigmas = replace(sigmas, length=max(sigmas.length * factor, least))
         return sigmas, quantile_of(level, degrees), "residuals", []

@@ -13,7 +13,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import MagmpmError
 
-TINY = 1e-8  # in x: likewise
+LEAST_STEP = 1e-8  # in x: likewise
 Model = Callable[
     [Array, bool], tuple[Array, Array]
 ]  # x, whether with slopes -> residuals in standard errors (n,), slopes (n, k)
@@ -118,7 +118,7 @@ def least_squares(
         )
         if (
             np.linalg.norm(slopes[:, free] @ step) <= small * noise
-            or np.linalg.norm(step) <= TINY
+            or np.linalg.norm(step) <= LEAST_STEP
             or known(x)
         ):
             return LeastSquares(x, residuals, slopes, steps, True)
@@ -144,7 +144,7 @@ def least_squares(
             radius = float(np.linalg.norm(step)) / 4
             step = _step(residuals, slopes[:, free], radius)
             if (
-                np.linalg.norm(step) <= TINY
+                np.linalg.norm(step) <= LEAST_STEP
                 or np.linalg.norm(slopes[:, free] @ step) <= small * noise
             ):
                 return LeastSquares(x, residuals, slopes, steps, True)

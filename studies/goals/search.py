@@ -47,7 +47,7 @@ INTERRUPTED = "interrupted"
 CONVERGED = "converged"
 SKIPPED = "skipped"  # whether a pruned trial was not run, as it breaks a bound anyway
 CONTACTS = ("ground", "walls", "self_contact")  # effects in which things touch
-PARTS = 10  # of a motion's time, after each of which a trial may be pruned
+PARTS_OF_MOTION = 10  # of a motion's time, after each of which a trial may be pruned
 
 
 def sampler(study: GoalStudy, workers: int, designs: int) -> BaseSampler:
@@ -359,8 +359,8 @@ class _Seeking:
 
         def look(step: int, now: float) -> None:
             nonlocal seen
-            part = int(PARTS * now / scene.duration)
-            if part <= seen or part >= PARTS:
+            part = int(PARTS_OF_MOTION * now / scene.duration)
+            if part <= seen or part >= PARTS_OF_MOTION:
                 return
             seen = part
             with suppress(InputError):  # no frame yet, or none that is whole

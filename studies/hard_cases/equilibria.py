@@ -23,9 +23,9 @@ from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 from magmpm.studies.hard_cases.case import Case
 from magmpm.studies.hard_cases.motions import (
+    CATHETER_LENGTH,
     DIAMETER,
     EULER,
-    LENGTH,
     RATIO,
     REMANENCE,
     SILICONE,
@@ -49,7 +49,7 @@ AGAINST = 1.3 * EULER  # load of the part of the field along the strip that snap
 STRIP = 20e-3
 THICK = 1e-3
 # m: next to the tip, where the magnet comes from and goes to; where it has just passed
-FAR = 80e-3
+FAR_FROM_TIP = 80e-3
 PAST = 10e-3
 D = 10e-3  # m: diameter of the magnet that passes, and its distance from the tip
 # mm, of the robot made of parts
@@ -91,10 +91,10 @@ def _off_critical(square: Callable[[float], float], loads: Sequence[float], size
 
 def _buckling(scene: Scene) -> float:
     def square(load: float) -> float:
-        tip = tip_of(run(scene.with_field(bending_field(load, np.pi, 2 * LENGTH))))
+        tip = tip_of(run(scene.with_field(bending_field(load, np.pi, 2 * CATHETER_LENGTH))))
         return float(tip[1] ** 2 + tip[2] ** 2)
 
-    return _off_critical(square, (1.03, 1.06), LENGTH)
+    return _off_critical(square, (1.03, 1.06), CATHETER_LENGTH)
 
 
 def _twist_buckles(scene: Scene) -> float:
@@ -146,7 +146,7 @@ def _incompressible(scene: Scene) -> float:
 def _from_a_loaded_neighbor(scene: Scene) -> float:
     """Largest displacement of the unloaded body, over L, if the solve starts from the grid correction of a bent neighbor."""
     back = run(scene.with_field([0.0, 0.0, 0.0]), start=run(scene))
-    return float(np.abs(back.particle_position - back.particle_reference).max()) / LENGTH
+    return float(np.abs(back.particle_position - back.particle_reference).max()) / CATHETER_LENGTH
 
 
 def _flux(load: float) -> float:
@@ -243,11 +243,14 @@ def _passing() -> Scene:
     """A magnet, a sphere of neodymium, that goes past the tip, from 80 mm at one side to 80 mm at the other, one diameter beyond it."""
     moment = 1.3 * np.pi * D**3 / 6 / MU0
     source = {
-        "position": [LENGTH + 1.5 * D, 0.0, 0.0],
+        "position": [CATHETER_LENGTH + 1.5 * D, 0.0, 0.0],
         "moment": [-moment, 0.0, 0.0],
         "diameter": D,
     }
-    frames = [{"time": float(k), "move": [0.0, 0.0, y]} for k, y in ((0, -FAR), (1, FAR))]
+    frames = [
+        {"time": float(k), "move": [0.0, 0.0, y]}
+        for k, y in ((0, -FAR_FROM_TIP), (1, FAR_FROM_TIP))
+    ]
     field = {"dipole": [source], "over_time": {"keyframes": frames}}
     return changed(
         rod(effects={"magnetic_torque": {}, "magnetic_force": {}}),
@@ -260,14 +263,14 @@ def _passed(scene: Scene) -> float:
     """Distance of the last shape from the mirror image of the first, or of the shape where the magnet has just passed from that of statics,
     whichever is more, over L; infinite if the tip has hardly moved in between."""
     tips = np.array([step["tip"] for step in run(scene).steps])
-    if np.ptp(tips[:, 2]) < 0.05 * LENGTH:
+    if np.ptp(tips[:, 2]) < 0.05 * CATHETER_LENGTH:
         return np.inf
     [source] = scene.to_si()["field"]["dipole"]
     source = {**source, "position": [source["position"][0], 0.0, PAST]}
     still = run(changed(scene, field={"dipole": [source]}, solver={"static": {}}))
-    just = round((0.5 + PAST / FAR / 2) * (len(tips) - 1))
+    just = round((0.5 + PAST / FAR_FROM_TIP / 2) * (len(tips) - 1))
     mirrored = np.linalg.norm(tips[-1] - tips[0] * [1.0, 1.0, -1.0])
-    return float(max(mirrored, np.linalg.norm(tips[just] - still.tip))) / LENGTH
+    return float(max(mirrored, np.linalg.norm(tips[just] - still.tip))) / CATHETER_LENGTH
 
 
 def _needle() -> Scene:
@@ -373,7 +376,11 @@ def _permuted(scene: Scene) -> float:
 CASES = (
     Case(
         "antiparallel field through buckling",
-        lambda: rod(length=2 * LENGTH, field=bending_field(EULER, np.pi, 2 * LENGTH), cells=4),
+        lambda: rod(
+            length=2 * CATHETER_LENGTH,
+            field=bending_field(EULER, np.pi, 2 * CATHETER_LENGTH),
+            cells=4,
+        ),
         "stays straight on the unstable branch, or buckles by rounding at any load",
         "error of the critical load, relative",
         _buckling,
@@ -533,7 +540,7 @@ CASES = (
         lambda: rod(
             directions=((1.0, 0.0, 0.0), (0.0, 0.6, 0.8)),
             field=bending_field(4.0),
-            length=LENGTH,
+            length=CATHETER_LENGTH,
             cells=3,
         ),
         "depends on the order of sums, or on a number's last bit",

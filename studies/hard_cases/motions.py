@@ -29,11 +29,11 @@ DENSITY = 1882.0
 REMANENCE = 0.1
 SILICONE = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY, "remanence": REMANENCE}
 # m
-LENGTH = 40e-3
+CATHETER_LENGTH = 40e-3
 DIAMETER = 4e-3
 X = (1.0, 0.0, 0.0)
 EULER = np.pi**2 / 4  # critical load of theta'' + load sin(theta) = 0, theta(0) = theta'(1) = 0
-FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
+FIRST_ROOT = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
 
 
 def at_rest(scene: Scene) -> tuple[TotalMotion, float, float]:
@@ -246,7 +246,7 @@ def changed(scene: Scene, **parts: Any) -> Scene:
 
 def rod(
     *,
-    length: float = LENGTH,
+    length: float = CATHETER_LENGTH,
     directions: Sequence[Sequence[float]] = (X,),
     shear: Sequence[float] | None = None,
     ratio: float = RATIO,
@@ -310,7 +310,9 @@ def rod(
     )
 
 
-def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH) -> list[float]:
+def bending_field(
+    load: float, angle: float = np.pi / 2, length: float = CATHETER_LENGTH
+) -> list[float]:
     """Find the field in the x-z plane for a load M B A L^2/(E I) on a rod magnetized along its axis; A/I = 16/D^2.
 
     Parameters
@@ -349,7 +351,7 @@ def twisting_field(load: float) -> list[float]:
     list of float, T
         The field's components.
     """
-    return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * LENGTH**2)]
+    return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * CATHETER_LENGTH**2)]
 
 
 def block(lower: tuple[float, float, float], upper: tuple[float, float, float]) -> Mesh:

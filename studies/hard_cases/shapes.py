@@ -32,13 +32,13 @@ from magmpm.studies.hard_cases.motions import (
 )
 
 TURN = 5.0  # 1/s: centrifugal strains are 1e-6
-LENGTH = 8e-3  # m, of free bodies
+FREE_BODY_LENGTH = 8e-3  # m, of free bodies
 GAINED = 0.02  # of the energy, that may appear
 FAST = 2.0  # m/s: a twentieth of the speed of sound
 # mm, of blocks
 SIDE = 2.0
 CELL = 0.5
-GAP = 0.02
+GAP_BETWEEN_PARTS = 0.02
 
 
 def _offsets(count: int) -> Case:
@@ -104,7 +104,7 @@ def _squeezed(scene: Scene) -> float:
     begun = energy(motion)
     found = 0.0
     largest = 0.0
-    passes = LENGTH / float(speed_of_sound(motion.model).max())
+    passes = FREE_BODY_LENGTH / float(speed_of_sound(motion.model).max())
     for time in np.linspace(0.0, 10.0 * passes, 101)[1:]:
         interval(moved, time)
         moved.control.at_frame()
@@ -177,7 +177,7 @@ def _folding_strip() -> Scene:
 
 
 def _free(**more: object) -> Scene:
-    return rod(length=LENGTH, clamp="none", dynamic={}, **more)  # type: ignore[arg-type]
+    return rod(length=FREE_BODY_LENGTH, clamp="none", dynamic={}, **more)  # type: ignore[arg-type]
 
 
 def _bodies(meshes: Sequence[Mesh], moduli: Sequence[float] = (), **effects: object) -> Scene:
@@ -214,7 +214,7 @@ def _block(
 
 def _over(low: Mesh, high: Mesh) -> Scene:
     """One body just above the other, a little aside."""
-    rise = low.vertices[:, 2].max() - high.vertices[:, 2].min() + GAP
+    rise = low.vertices[:, 2].max() - high.vertices[:, 2].min() + GAP_BETWEEN_PARTS
     return _bodies([low, Mesh(high.vertices + np.array([0.11, 0.07, rise]), high.faces)])
 
 
@@ -255,7 +255,9 @@ def _stacked(scene: Scene) -> float:
 
 def _stack() -> Scene:
     """Five blocks on the ground, every other one a hundred times as stiff."""
-    blocks = [_block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP)) for k in range(5)]
+    blocks = [
+        _block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP_BETWEEN_PARTS)) for k in range(5)
+    ]
     moduli = [G, 100 * G, G, 100 * G, G]
     return _bodies(
         blocks,
@@ -301,7 +303,7 @@ CASES = (
         _turn,
         1e-5,
         "rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) ="
-        f" {DENSITY * (TURN * LENGTH) ** 2 / 8 / (3 * G):.0e}",
+        f" {DENSITY * (TURN * FREE_BODY_LENGTH) ** 2 / 8 / (3 * G):.0e}",
     ),
     *(
         Case(

@@ -26,7 +26,7 @@ from magmpm.studies.hard_cases.case import Case
 from magmpm.studies.hard_cases.motions import (
     DENSITY,
     DIAMETER,
-    FIRST,
+    FIRST_ROOT,
     RATIO,
     REMANENCE,
     G,
@@ -42,21 +42,21 @@ from magmpm.studies.hard_cases.motions import (
 )
 
 SHAKEN = 4 * 4e-3  # m, length of the body whose steps are at the edge
-SHORT = 20e-3  # m
+SHORT_LENGTH = 20e-3  # m
 FREQUENCY = (
-    FIRST**2
+    FIRST_ROOT**2
     * math.sqrt(young_modulus(G, RATIO * G) / DENSITY)
     * DIAMETER
     / 4
-    / SHORT**2
+    / SHORT_LENGTH**2
     / (2 * math.pi)
 )  # Hz, of bending
 # s: of a rod whose first bending takes 0.03 s, and is damped critically
 LOADED = 0.05
-SETTLED = 0.25
+SETTLED_SHARE = 0.25
 SHORTER = 16e-3  # m
 STUB = 8e-3  # m, of long and broken runs
-FRAMES = 6
+FRAMES_OF_CASE = 6
 REVERSED = 0.02  # s
 
 
@@ -178,9 +178,10 @@ def _settled(scene: Scene, least: float = 0.0) -> float:
 
 def _rotating() -> Scene:
     turning = {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": FREQUENCY}}
-    field = bending_field(1.0, 0.0, SHORT)
+    field = bending_field(1.0, 0.0, SHORT_LENGTH)
     return changed(
-        rod(length=SHORT, field=field, dynamic={}), field={"uniform": field, "over_time": turning}
+        rod(length=SHORT_LENGTH, field=field, dynamic={}),
+        field={"uniform": field, "over_time": turning},
     )
 
 
@@ -217,7 +218,7 @@ def _resonance(scene: Scene) -> float:
         worst = max(worst, abs(energy(motion, time) - begun - work))
         most = max(most, motion.kinetic_energy())
         highest = max(highest, abs(float(height @ motion.particles()[0][:, 2])))
-    return worst / most if highest > 0.2 * SHORT else math.inf
+    return worst / most if highest > 0.2 * SHORT_LENGTH else math.inf
 
 
 def _cycle() -> Scene:
@@ -232,7 +233,7 @@ def _cycle() -> Scene:
         length=SHORTER,
         field=field,
         effects={"damping": {"rate": 370.0}},
-        dynamic={"duration": SETTLED},
+        dynamic={"duration": SETTLED_SHARE},
     )
     return changed(scene, field={"uniform": field, "over_time": {"keyframes": strength}})
 
@@ -243,7 +244,7 @@ def _left_over(scene: Scene) -> float:
     moved = begin(model)
     rest = model.particles.position
     bent = np.abs(interval(moved, LOADED).x - rest).max()
-    left = float(np.abs(interval(moved, SETTLED).x - rest).max())
+    left = float(np.abs(interval(moved, SETTLED_SHARE).x - rest).max())
     return left / SHORTER if bent > 0.7 * SHORTER else math.inf
 
 
@@ -252,7 +253,9 @@ def _approaching() -> Scene:
     effects = {"magnetic_torque": {}, "magnetic_force": {}, "damping": {"rate": 240.0}}
     source = {"position": [30e-3, 0.0, 80e-3], "moment": [0.0, 0.0, 8.0], "diameter": 20e-3}
     frames = [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 0.05, "move": [0.0, 0.0, -40e-3]}]
-    scene = rod(length=SHORT, effects=effects, dynamic={"duration": 0.2, "output_every": 0.05})
+    scene = rod(
+        length=SHORT_LENGTH, effects=effects, dynamic={"duration": 0.2, "output_every": 0.05}
+    )
     return changed(scene, field={"dipole": [source], "over_time": {"keyframes": frames}})
 
 
@@ -269,7 +272,7 @@ def _reversed(scene: Scene) -> float:
 
 
 def _moving() -> Scene:
-    moving = {"duration": 0.012, "output_every": 0.012 / FRAMES}
+    moving = {"duration": 0.012, "output_every": 0.012 / FRAMES_OF_CASE}
     return rod(
         length=STUB,
         field=bending_field(1.0, length=STUB),
@@ -285,8 +288,8 @@ def _table(folder: Path) -> list[dict[str, Any]]:
 
 def _pieces(scene: Scene, folder: Path, broken: bool = False) -> Any:
     """The motion, ended after every frame and begun again from its checkpoint; broken: half a row was written after it."""
-    every = scene.duration / FRAMES
-    for k in range(1, FRAMES + 1):
+    every = scene.duration / FRAMES_OF_CASE
+    for k in range(1, FRAMES_OF_CASE + 1):
 
         def stop(_: int, time: float, until: float = k * every) -> None:
             if time > until * (1 + 1e-9) and until < scene.duration:
@@ -296,7 +299,7 @@ def _pieces(scene: Scene, folder: Path, broken: bool = False) -> Any:
             result = run(
                 scene, folder=folder, resume=(folder / CHECKPOINT).exists(), on_progress=stop
             )
-        if broken and k < FRAMES:
+        if broken and k < FRAMES_OF_CASE:
             with (folder / ENERGIES).open("a", encoding="utf-8") as stream:
                 stream.write(
                     f"{(k + 0.5) * every!r},1.0"

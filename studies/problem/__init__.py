@@ -8,4 +8,4 @@ DATABASE = "study.db"
 OWNER = "study-name.txt"
 # stability below which a design is on the brink: it is reported, and another of nearly the same rms
 # takes its place
-BRINK = 0.1
+STABILITY_AT_BRINK = 0.1

@@ -8,7 +8,9 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 
-FINE = 280  # pieces for frames: a tenth of a radian each at most, for paths that catheters can take
+PIECES_OF_FRAMES = (
+    280  # pieces for frames: a tenth of a radian each at most, for paths that catheters can take
+)
 
 
 class Path:
@@ -59,17 +61,17 @@ class Path:
 
     @cached_property
     def _fine(self) -> tuple[Array, Array]:
-        """Arc lengths (FINE + 1,) and frames there, as quaternions, scalar first, (FINE + 1, 4)."""
-        s = np.linspace(0.0, self.length, FINE + 1)
+        """Arc lengths (PIECES_OF_FRAMES + 1,) and frames there, as quaternions, scalar first, (PIECES_OF_FRAMES + 1, 4)."""
+        s = np.linspace(0.0, self.length, PIECES_OF_FRAMES + 1)
         tangent = self._spline(s, 1)
         tangent /= np.linalg.norm(tangent, axis=1)[:, None]
         axes = np.cross(tangent[:-1], tangent[1:])
         cosines = np.sum(tangent[:-1] * tangent[1:], axis=1)
-        quaternions = np.empty((FINE + 1, 4))
+        quaternions = np.empty((PIECES_OF_FRAMES + 1, 4))
         begin = 1.0 + tangent[0, 0]
         axis = np.cross([1.0, 0.0, 0.0], tangent[0])
         quaternions[0] = np.array([begin, *axis]) / np.linalg.norm([begin, *axis])
-        for k in range(FINE):
+        for k in range(PIECES_OF_FRAMES):
             a, u, (b, *v) = 1.0 + cosines[k], axes[k], quaternions[k]
             q = np.array(
                 [a * b - u @ v, *(a * np.array(v) + b * u + np.cross(u, v))]
@@ -106,7 +108,7 @@ class Path:
 
     @cached_property
     def _turns(self) -> Array:
-        """Rotation vectors (FINE, 3) from each frame to the next, as the first sees them."""
+        """Rotation vectors (PIECES_OF_FRAMES, 3) from each frame to the next, as the first sees them."""
         from scipy.spatial.transform import Rotation
 
         frames = Rotation.from_quat(self._fine[1][:, [1, 2, 3, 0]])
@@ -120,7 +122,7 @@ class Path:
         float, m
             The radius; 1e300 where the path is straight.
         """
-        s = np.linspace(0.0, self.length, FINE + 1)
+        s = np.linspace(0.0, self.length, PIECES_OF_FRAMES + 1)
         first = self._spline(s, 1)
         second = self._spline(s, 2)
         curvature = (

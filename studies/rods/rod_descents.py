@@ -22,9 +22,9 @@ from magmpm.scene import Scene
 from magmpm.studies.search.parameters import across, unit
 
 # in each segment: the rod is a thousandth of its length from its limit, less than from the body
-ELEMENTS = 8
-DESIGNS = 6  # that are looked for
-# of the length: descents end where DESIGNS of them are nearer, since the body is not that near to
+ELEMENTS_PER_SEGMENT = 8
+DESIGNS_SOUGHT = 6  # that are looked for
+# of the length: descents end where DESIGNS_SOUGHT of them are nearer, since the body is not that near to
 # the rod
 AT_TARGET = 3e-4
 DAMPING = 0.1  # of the first step of a descent
@@ -126,7 +126,9 @@ class DescendingRods:
     def __init__(
         self, scene: Scene, target: Array, regions: Sequence[int], field_max: float | None
     ) -> None:
-        rod = rod_model(scene, max(5 * ELEMENTS, ELEMENTS * len(scene.regions())))
+        rod = rod_model(
+            scene, max(5 * ELEMENTS_PER_SEGMENT, ELEMENTS_PER_SEGMENT * len(scene.regions()))
+        )
         s = rod.places
         if field_max is not None:
             rod = replace(rod, field=np.zeros_like(rod.field))
@@ -349,7 +351,7 @@ class DescendingRods:
         for steps, left in phases:
             for _ in range(steps):
                 if (
-                    np.sort(at.cost)[min(DESIGNS, len(at.cost)) - 1]
+                    np.sort(at.cost)[min(DESIGNS_SOUGHT, len(at.cost)) - 1]
                     < (AT_TARGET * self.length) ** 2
                 ):
                     break

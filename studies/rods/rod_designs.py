@@ -10,7 +10,7 @@ under a load that grows in steps, and what is left is solved again as `solve_rod
 
 What a weaker field reaches, a stronger one reaches too. So where the field varies, other descents begin in a weak field, in which a rod has
 one equilibrium, and go on as its bound grows to the study's, each bound with the designs of the one before; the best of each bound are
-kept. If all that ends farther from the target than FAR of the length, it is searched from more points.
+kept. If all that ends farther from the target than FAR_FROM_TARGET of the length, it is searched from more points.
 
 A field that varies in space, and its gradient, are taken at the places of the target, where the body is if the design is right. Where the
 scene has no rod, there are no designs.
@@ -30,7 +30,7 @@ from magmpm.errors import SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.studies.problem.shape_distance import root_mean_square
-from magmpm.studies.rods.rod_descents import DAMPING, DESIGNS, DescendingRods, RodDescents
+from magmpm.studies.rods.rod_descents import DAMPING, DESIGNS_SOUGHT, DescendingRods, RodDescents
 from magmpm.studies.search.parameters import FieldVector, Parameters, SegmentDirection, unit
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from magmpm.studies.search.samplers.bounded_front import Improve
 
 # of the length: a best design that is farther away is searched in other ways, and from more points
-LIMIT = 1e-3
-FAR = 1e-2
-STARTS = 32  # of descents: a power of two, as points that spread evenly want it
+REACHED_TARGET = 1e-3
+FAR_FROM_TARGET = 1e-2
+STARTS_OF_DESCENTS = 32  # of descents: a power of two, as points that spread evenly want it
 EACH_BOUND = 2  # designs of each bound of a ladder
 BOUND_RATIO = math.sqrt(2.0)  # of two bounds that follow each other
 
@@ -76,8 +76,8 @@ def rod_designs(
     field_max: float | None,
     *,
     seed: int = 1,
-    starts: int = STARTS,
-    keep: int = DESIGNS,
+    starts: int = STARTS_OF_DESCENTS,
+    keep: int = DESIGNS_SOUGHT,
 ) -> list[RodDesign]:
     """Find the rod's best designs for a target.
 
@@ -93,9 +93,9 @@ def rod_designs(
         Greatest strength of a varied uniform field; None: the scene's field stays.
     seed : int, default 1
         Of the points that descents begin at.
-    starts : int, default STARTS
+    starts : int, default STARTS_OF_DESCENTS
         Number of these points.
-    keep : int, default DESIGNS
+    keep : int, default DESIGNS_SOUGHT
         Number of designs that are kept.
 
     Returns
@@ -135,10 +135,10 @@ def _more_searches(
     """Searches after that from the points `first`, which give descents and the problem within whose bound they are; each with the distance,
     as a share of the length, at which it is not needed."""
     if problem.field_max is None:
-        yield FAR, lambda: [(problem, _searched(problem, more))]
+        yield FAR_FROM_TARGET, lambda: [(problem, _searched(problem, more))]
     else:
-        yield LIMIT, lambda: _growing_bounds(problem, first)
-        yield FAR, lambda: _growing_bounds(problem, more, fresh=True)
+        yield REACHED_TARGET, lambda: _growing_bounds(problem, first)
+        yield FAR_FROM_TARGET, lambda: _growing_bounds(problem, more, fresh=True)
 
 
 def rod_designs_by_bound(
@@ -169,7 +169,9 @@ def rod_designs_by_bound(
     except SolveError:
         return []
     found: list[RodDesign] = []
-    for within, at in _growing_bounds(problem, _points(problem, seed).random(STARTS), fresh=True):
+    for within, at in _growing_bounds(
+        problem, _points(problem, seed).random(STARTS_OF_DESCENTS), fresh=True
+    ):
         found += _verified(scene, within, regions, at)[:EACH_BOUND]
     return sorted(found, key=lambda design: design.rms)
 

@@ -20,7 +20,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
-from magmpm.studies.problem import BRINK
+from magmpm.studies.problem import STABILITY_AT_BRINK
 from magmpm.studies.problem.path import Path
 from magmpm.studies.rods.rod_trajectory import (
     Depth,
@@ -31,8 +31,8 @@ from magmpm.studies.rods.rod_trajectory import (
 )
 from magmpm.studies.search.parameters import unit
 
-FEWEST = 4  # steps from one depth to the next
-RISKY = 3.0  # times as much a design counts whose stability on the way is below BRINK
+LEAST_STEPS_PER_DEPTH = 4  # steps from one depth to the next
+RISKY = 3.0  # times as much a design counts whose stability on the way is below STABILITY_AT_BRINK
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class RodPath:
         before = min(scene.thickness, lengths[0])
         ways = []
         for length, depth in zip(lengths, rods.depths, strict=True):
-            steps = max(FEWEST, math.ceil(48 * (length - before) / scene.length))
+            steps = max(LEAST_STEPS_PER_DEPTH, math.ceil(48 * (length - before) / scene.length))
             between = (
                 np.linspace(before, length, steps + 1)[1:-1] if length > before else np.zeros(0)
             )
@@ -349,7 +349,10 @@ def search(
         if design is None:
             continue
         found.append(
-            (design.value * (1.0 if way.least_stability(design) > BRINK else RISKY), design)
+            (
+                design.value * (1.0 if way.least_stability(design) > STABILITY_AT_BRINK else RISKY),
+                design,
+            )
         )
         if (
             sum(counts <= enough for counts, _ in found) >= wanted

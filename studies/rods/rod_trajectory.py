@@ -24,11 +24,11 @@ from magmpm.studies.problem.path import Path
 from magmpm.studies.search.parameters import across, unit
 
 # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
-ELEMENTS = 48
+TRAJECTORY_ELEMENTS = 48
 # of the path's curvature: a step with which it grows, and the least one
-FIRST = 1 / 6
-LEAST = 1 / 48
-STEPS = 12  # of least squares at each share of the curvature
+FIRST_CURVATURE_STEP = 1 / 6
+LEAST_CURVATURE_STEP = 1 / 48
+STEPS_PER_CURVATURE = 12  # of least squares at each share of the curvature
 Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n + 1, 4)
 
 
@@ -381,7 +381,7 @@ class RodTrajectory:
         fields *= np.minimum(1.0, 0.95 * self.max_field / np.linalg.norm(fields, axis=1))[:, None]
         design = RodTrajectoryDesign(d, fields, 0.0)
         share = 0.0
-        step = FIRST
+        step = FIRST_CURVATURE_STEP
         size = self.depths[-1].place[-1]
         while share < 1.0:
             now = min(1.0, share + step)
@@ -393,18 +393,20 @@ class RodTrajectory:
             )
             found = None
             if state is not None:
-                found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else 60)
+                found = bent.least_squares(
+                    replace(design, state=state), STEPS_PER_CURVATURE if now < 1.0 else 60
+                )
             fell = (
                 found is None or found.value > 1.5 * design.value + 5e-3 * size
             )  # to another branch
-            if fell and step > LEAST:
+            if fell and step > LEAST_CURVATURE_STEP:
                 step /= 2
             elif found is None or found.value > 0.1 * size:
                 return None
             else:
                 design = found
                 share = now
-                step = min(1.5 * step, FIRST)
+                step = min(1.5 * step, FIRST_CURVATURE_STEP)
         return design
 
     def fitted(self, path: Path, directions: Array) -> RodTrajectoryDesign:
@@ -437,7 +439,9 @@ class RodTrajectory:
                 )
                 if state is None:
                     break
-                design = bent.least_squares(replace(design, state=state), STEPS, turning=False)
+                design = bent.least_squares(
+                    replace(design, state=state), STEPS_PER_CURVATURE, turning=False
+                )
             else:
                 found.append(design)
         return min(found, key=lambda each: each.value)
@@ -519,7 +523,7 @@ def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
     scene = whole.with_field([0.0, 0.0, 0.0]).inserted(length)
     catheter = scene.body.shape
     assert isinstance(catheter, Catheter)
-    rod = rod_model(scene, max(10, round(ELEMENTS * length / whole.length)))
+    rod = rod_model(scene, max(10, round(TRAJECTORY_ELEMENTS * length / whole.length)))
     magnetized = scene.magnetized_regions()
     place = rod.places
     share = np.zeros(len(place))

@@ -20,7 +20,7 @@ from magmpm.studies.search.search_space import SearchSpace
 
 FEWEST_POINTS = 2  # of a target, beyond the base
 AS_LONG = 0.05  # how far s_mm may be from the length of a path's curve
-STRETCH = 1.1  # a target may be this much longer than the part of the catheter it belongs to
+LONGEST_TARGET = 1.1  # a target may be this much longer than the part of the catheter it belongs to
 
 
 def check_file_name(path: Path) -> None:
@@ -274,8 +274,8 @@ def check_shape(target: Array, length: float, where: str) -> Array:
         raise InputError(where, received=received, rule=rule, remedy="move the target")
     distance = np.linalg.norm(np.diff(rows[:, 1:], axis=0), axis=1)
     along = np.diff(rows[:, 0])
-    worst = int(np.argmax(distance - STRETCH * along))
-    if distance[worst] > STRETCH * along[worst] + 0.001 * length:
+    worst = int(np.argmax(distance - LONGEST_TARGET * along))
+    if distance[worst] > LONGEST_TARGET * along[worst] + 0.001 * length:
         a = 1e3 * rows[worst, 0]
         b = 1e3 * rows[worst + 1, 0]
         received = f"points {1e3 * distance[worst]:.4g} mm apart at s_mm = {a:g} and {b:g}"

@@ -23,15 +23,15 @@ from magmpm.studies.search.parameters import (
 )
 from magmpm.studies.search.search_space import SearchSpace
 
-DESIGNS = 3
+DESIGNS_TRIED = 3
 # of a whole step: forward differences, whose singular values agree with those of other steps to
 # 1e-6 mm
-STEP = 1e-6
+DIFFERENCE_STEP = 1e-6
 # of the length: a whole step of a variable that moves the shape less than this moves nothing
-NOTHING = 1e-5
+MOVES_NOTHING = 1e-5
 # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of
 # 40 mm
-SEEN = 1e-5
+LEAST_SEEN_IN_TARGET = 1e-5
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
     if found is None:
         return []
     length = space.scene.length
-    if found.moves.max() < NOTHING * length:
+    if found.moves.max() < MOVES_NOTHING * length:
         most = 1e3 * found.moves.max()
-        least = 1e3 * NOTHING * length
+        least = 1e3 * MOVES_NOTHING * length
         count = (
             f"{len(found.moves)} variable{'s that move' if len(found.moves) > 1 else ' that moves'}"
         )
@@ -98,7 +98,8 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
         return [
             f"vary: {found.freedom} numbers vary, but {_compared_with(study)} distinguish only "
             f"{found.seen} combinations of them (for the rod, the others move the shape by less "
-            f"than {1e6 * SEEN * length:.2g} um). Many designs then fit equally well, and which "
+            f"than {1e6 * LEAST_SEEN_IN_TARGET * length:.2g} um). Many designs then fit"
+            " equally well, and which "
             "one is found is left to chance; give the target more points, or vary less"
         ]
     return []
@@ -167,7 +168,7 @@ def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
     moves = []
     seen = []
     shapes = _shapes(study, space)
-    for _ in range(4 * DESIGNS):
+    for _ in range(4 * DESIGNS_TRIED):
         try:
             J = _jacobian(space, space.nearest(space.drawn(rng)), shapes)
         except (SolveError, InputError):
@@ -179,11 +180,12 @@ def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
         seen.append(
             int(
                 np.sum(
-                    np.linalg.svd(J, compute_uv=False) / np.sqrt(points) > SEEN * space.scene.length
+                    np.linalg.svd(J, compute_uv=False) / np.sqrt(points)
+                    > LEAST_SEEN_IN_TARGET * space.scene.length
                 )
             )
         )
-        if len(seen) * len(shapes) >= DESIGNS or seen[-1] == space.freedom:
+        if len(seen) * len(shapes) >= DESIGNS_TRIED or seen[-1] == space.freedom:
             break
     return Identifiability(np.max(moves, axis=0), space.freedom, max(seen)) if seen else None
 
@@ -199,7 +201,7 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
         field += isinstance(block, FieldVector)
         for step in _steps(block, x[at]):
             moved = x.copy()
-            moved[at] += STEP * step
+            moved[at] += DIFFERENCE_STEP * step
             moves = [
                 shape.field in (-1, field) or not isinstance(block, FieldVector) for shape in shapes
             ]
@@ -207,7 +209,7 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
                 shape.at(moved) - known if can else 0.0 * known
                 for shape, known, can in zip(shapes, here, moves, strict=True)
             ]
-            columns.append(np.concatenate(changes) / STEP)
+            columns.append(np.concatenate(changes) / DIFFERENCE_STEP)
     return np.array(columns).reshape(len(columns), -1).T
 
 

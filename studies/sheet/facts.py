@@ -29,7 +29,7 @@ from magmpm.studies.search.definition import definition_hash, load_study
 from magmpm.studies.search.samplers.choice import whole_definition
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.verified_best import (
-    SHARE,
+    SHARE_OF_LENGTH,
     allowed,
     in_time,
     last_equilibrium,
@@ -177,7 +177,9 @@ def _limits_of_errors(facts: Mapping[str, Any], length: float) -> dict[str, Any]
     rows = facts["tolerances"]
     if not isinstance(rows, list):
         return {}
-    moves = {f"1 % of the length ({1e3 * SHARE * length:.3g} mm)": SHARE * length}
+    moves = {
+        f"1 % of the length ({1e3 * SHARE_OF_LENGTH * length:.3g} mm)": SHARE_OF_LENGTH * length
+    }
     if facts.get("stop_rms_m"):
         moves[f"the study's stop ({1e3 * facts['stop_rms_m']:.3g} mm)"] = float(facts["stop_rms_m"])
     limited = [

@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from magmpm.rod.cosserat import RodShape
     from magmpm.statics.linearized import Sensitivities
 
-SHARE = 0.01  # of the length: how far the tip may move
+SHARE_OF_LENGTH = 0.01  # of the length: how far the tip may move
 LARGEST = {
     "deg": 30.0,
     "%": 30.0,
     "mm": float("inf"),
 }  # beyond which the first order says no more than that
-SAME = 0.05  # of the length: at a larger distance, two answers are two equilibria
+SAME_EQUILIBRIUM = 0.05  # of the length: at a larger distance, two answers are two equilibria
 
 
 def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict[str, Any]]:
@@ -190,7 +190,7 @@ def _tolerances(
     found = differentiate(last.scene, start=last.start)
     if (
         max(frames_of(result).distances(frames_of(found.result)).values())
-        > SAME * last.scene.length
+        > SAME_EQUILIBRIUM * last.scene.length
     ):
         return (
             "not known: solved again, the design has another equilibrium than the one that the"
@@ -216,7 +216,7 @@ def finer(
         return f"not known: {proof} cells across take more than a quarter of this machine's memory"
     found = run(fine, start=last.start)
     moved = max(frames_of(result).distances(frames_of(found)).values())
-    if moved > SAME * last.scene.length:
+    if moved > SAME_EQUILIBRIUM * last.scene.length:
         return (
             f"not known: on {proof} cells across the design has another equilibrium,"
             f" {1e3 * moved:.3g} mm away"

@@ -29,7 +29,7 @@ import numpy as np
 
 from magmpm import load_scene, run, sensitivities
 from magmpm.studies.engine.loop import run_study
-from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, NEAR, InsertionTrajectory
+from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, NEAR_TARGET, InsertionTrajectory
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
@@ -94,7 +94,7 @@ def by_rods(study: Study) -> dict[str, object]:
     insertion = InsertionTrajectory.of(study, SearchSpace.of(study))
     assert insertion is not None
     way = insertion.rods
-    found = search(way, Path(study.target), seed=1, starts=12, enough=NEAR * LENGTH)
+    found = search(way, Path(study.target), seed=1, starts=12, enough=NEAR_TARGET * LENGTH)
     if not found:
         return {"mean_m": None, "exit_m": None, "bound": 0, "designs": 0}
     best = found[0]

@@ -20,7 +20,7 @@ from magmpm.results.folder_lock import LOCK, FolderInUse, folder_lock
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "PATIENCE", 0.1)
+    monkeypatch.setattr(lock, "SECONDS_FOR_THE_KILLED", 0.1)
 
 
 def frames(folder: Path) -> int:
@@ -95,7 +95,7 @@ def test_every_command_that_writes_a_folder_waits_its_turn(
 def test_the_lock_goes_with_its_process(tmp_path: Path) -> None:
     with holding(tmp_path) as pid:
         os.kill(pid, signal.SIGKILL)
-        lock.PATIENCE = 5.0  # the system may need a moment
+        lock.SECONDS_FOR_THE_KILLED = 5.0  # the system may need a moment
         with folder_lock(tmp_path):
             pass
 
@@ -147,7 +147,7 @@ def test_the_lock_leaves_no_file_and_one_that_waits_for_it_locks_the_next(tmp_pa
                 time.sleep(0.0005)
                 inside[0] -= 1
 
-    lock.PATIENCE = 60.0
+    lock.SECONDS_FOR_THE_KILLED = 60.0
     with ThreadPoolExecutor(5) as threads:
         assert list(threads.map(work, range(5))) == [None] * 5
     assert most == [1]

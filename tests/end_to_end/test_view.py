@@ -122,7 +122,7 @@ def test_half_open_connections_are_closed(
     server: PageServer, begin: bytes | str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also those that send a byte now and then: the time counts from the beginning of the request."""
-    monkeypatch.setattr("magmpm.inputs.page_guard.PATIENCE", 0.5)
+    monkeypatch.setattr("magmpm.inputs.page_guard.SECONDS_OF_REQUEST", 0.5)
     if begin == "body":
         begin = (
             "POST /echo HTTP/1.1\r\nHost: localhost\r\nX-Magmpm-Secret:"
@@ -145,9 +145,9 @@ def test_half_open_connections_are_closed(
 
 def test_connections_are_few(server: PageServer) -> None:
     """A hundred that ask nothing leave room for one that does, and not a hundred threads."""
-    from magmpm.inputs.page_guard import MOST_CONNECTIONS, PATIENCE
+    from magmpm.inputs.page_guard import MOST_CONNECTIONS, SECONDS_OF_REQUEST
 
-    assert 10 <= PATIENCE <= 30
+    assert 10 <= SECONDS_OF_REQUEST <= 30
     before = threading.active_count()
     with ExitStack() as opened:
         for _ in range(MOST_CONNECTIONS + 40):

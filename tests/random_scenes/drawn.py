@@ -15,7 +15,7 @@ import numpy as np
 from magmpm.bodies.surface_mesh import pack_mesh
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
-from magmpm.studies.hard_cases.motions import FIRST, block
+from magmpm.studies.hard_cases.motions import FIRST_ROOT, block
 from random_scenes import drawn_fields as fields
 from random_scenes.drawn_fields import DYNAMIC, QUASI_STATIC, STATIC, Content, mm
 
@@ -43,7 +43,7 @@ class Sizes:
     @property
     def period(self) -> float:
         """Period of the first bending of a cantilever, s."""
-        w = FIRST**2 / self.length**2 * math.sqrt(self.young / self.density / self.A_over_I)
+        w = FIRST_ROOT**2 / self.length**2 * math.sqrt(self.young / self.density / self.A_over_I)
         return 2 * math.pi / w
 
     def flux(self, load: float) -> float:

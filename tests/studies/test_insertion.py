@@ -11,7 +11,11 @@ from reference.commands import ROOT
 import magmpm
 from magmpm import Scene
 from magmpm.errors import SolveError
-from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, STATIONS, InsertionTrajectory
+from magmpm.studies.evaluate.trajectory import (
+    EXIT_WEIGHT,
+    STATIONS_OF_INSERTION,
+    InsertionTrajectory,
+)
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
@@ -218,7 +222,7 @@ def test_the_stored_model_is_the_derivative_of_the_gaps():
             run(scene, start=start)
             for scene, start in zip(found.scenes(params), found.starts(params), strict=True)
         ]
-        return found._model(results, [np.zeros((3 * STATIONS, 1))] * 2)["residuals"]
+        return found._model(results, [np.zeros((3 * STATIONS_OF_INSERTION, 1))] * 2)["residuals"]
 
     raw = np.array(gaps(params))
     assert residuals @ residuals == pytest.approx(raw @ raw, rel=1e-6)

@@ -102,8 +102,8 @@ def poisoned(
     """Let one design of a study be bad once, which it says; then again, as often as one may be. Returns why that one failed."""
     poison = folder / "poison"
     monkeypatch.setenv(variable, str(poison))
-    for where, tries, failed in (("once", pool.TRIES, 0), ("often", 1, 1)):
-        monkeypatch.setattr(pool, "TRIES", tries)
+    for where, tries, failed in (("once", pool.PROCESSES_PER_DESIGN, 0), ("often", 1, 1)):
+        monkeypatch.setattr(pool, "PROCESSES_PER_DESIGN", tries)
         poison.touch()
         report = run(folder / where, "random", session.slow, **options)
         assert (report.trials, report.failed, poison.exists()) == (TRIALS, failed, False)

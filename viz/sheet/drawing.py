@@ -16,12 +16,12 @@ import numpy as np
 from magmpm.viz import style
 
 # of the drawing and its margins, px
-WIDTH = 860.0
+DRAWING_WIDTH = 860.0
 LEFT = 96.0
 RIGHT = 150.0
 # height of the body, px
-LEAST = 44.0
-MOST = 120.0
+LEAST_BODY_HEIGHT = 44.0
+MOST_BODY_HEIGHT = 120.0
 NARROW = 30.0  # px: a segment in which its number finds room
 
 VIEWS = (
@@ -36,7 +36,7 @@ TOWARD = {
 
 def drawing(body: Mapping[str, Any]) -> str:
     """The drawing of a body (studies.sheet.facts.describe_body) as the text of an SVG element."""
-    scale = (WIDTH - LEFT - RIGHT) / body["length_m"]
+    scale = (DRAWING_WIDTH - LEFT - RIGHT) / body["length_m"]
     sizes = _sizes(body)
     heights, thicker = _heights(sizes, scale)
     parts = []
@@ -49,9 +49,12 @@ def drawing(body: Mapping[str, Any]) -> str:
     total = top + max(heights.values()) + 46.0
     if thicker > 1.001:
         note = f"drawn {thicker:.1f} times thicker than it is; lengths to scale"
-        parts.append(_text(WIDTH - 4, total - 10, note, anchor="end", color=style.FAINT_INK))
+        parts.append(
+            _text(DRAWING_WIDTH - 4, total - 10, note, anchor="end", color=style.FAINT_INK)
+        )
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {total:g}" role="img"'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {DRAWING_WIDTH:g} {total:g}"'
+        ' role="img"'
         ' aria-label="Drawing of the design with its dimensions" font-family="Helvetica, Arial,'
         ' sans-serif" font-size="13">'
     )
@@ -69,7 +72,7 @@ def _sizes(body: Mapping[str, Any]) -> list[tuple[str, float]]:
 def _heights(sizes: Sequence[tuple[str, float]], scale: float) -> tuple[dict[str, float], float]:
     """Height of each view, px, and how many times thicker than to scale the thinnest is drawn."""
     true = [scale * across for _, across in sizes]
-    heights = [min(max(px, LEAST), MOST) for px in true]
+    heights = [min(max(px, LEAST_BODY_HEIGHT), MOST_BODY_HEIGHT) for px in true]
     return dict(zip((view[0] for view in VIEWS), heights, strict=True)), max(
         h / px for h, px in zip(heights, true, strict=True)
     )

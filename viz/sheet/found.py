@@ -15,7 +15,7 @@ WORDS = {
     "schedule": "shapes at given times",
     "shape": "one target shape",
 }
-LONGEST = 60_000  # characters of a file or a definition on the page
+LONGEST_TEXT = 60_000  # characters of a file or a definition on the page
 
 
 def heading(facts: Mapping[str, Any]) -> Markup:
@@ -340,7 +340,7 @@ def _folded(title: str, content: Markup) -> Markup:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= LONGEST else text[:LONGEST] + "\n... (shortened)"
+    return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + "\n... (shortened)"
 
 
 def _mm(value: float | None) -> str:

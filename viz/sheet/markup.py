@@ -17,7 +17,7 @@ BEGINS = {
     ".svg": (b"<?xml", b"<svg"),
     ".gif": (b"GIF8",),
 }  # of a file that is what its name says
-MOST = 32_000_000  # bytes of a picture or movie within a page
+MOST_EMBEDDED_BYTES = 32_000_000  # bytes of a picture or movie within a page
 
 
 class PictureError(MagmpmError):
@@ -109,8 +109,8 @@ def data_uri(path: Path) -> str:
 
 def _read(path: Path) -> bytes:
     """A regular file of a bounded size. Raises OSError."""
-    if not path.is_file() or path.stat().st_size > MOST:
-        raise OSError(0, f"must be a file of at most {MOST // 1_000_000} MB")
+    if not path.is_file() or path.stat().st_size > MOST_EMBEDDED_BYTES:
+        raise OSError(0, f"must be a file of at most {MOST_EMBEDDED_BYTES // 1_000_000} MB")
     return path.read_bytes()
 
 

@@ -30,7 +30,7 @@ QUIET = (
     "--disable-sync",
     "--no-pdf-header-footer",
 )
-PATIENCE = 120.0  # s
+SECONDS_TO_PRINT = 120.0  # s
 REMEDY = (
     f"{install('report')} (WeasyPrint), or install Chromium (apt-get install chromium), or print"
     " the page from a browser"
@@ -88,7 +88,7 @@ def _by_browser(html: str, path: Path) -> str:
                 [browser, *options, page.as_uri()],
                 capture_output=True,
                 text=True,
-                timeout=PATIENCE,
+                timeout=SECONDS_TO_PRINT,
                 check=False,
             )
         except (OSError, subprocess.TimeoutExpired) as error:

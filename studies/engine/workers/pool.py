@@ -17,8 +17,8 @@ from magmpm.errors import MagmpmError, report
 from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trial import Outcome
 
-TRIES = 2  # processes that a design may end before it counts as failed
-STARTS = 3  # processes in a row that may end before they are ready
+PROCESSES_PER_DESIGN = 2  # processes that a design may end before it counts as failed
+FAILED_STARTS = 3  # processes in a row that may end before they are ready
 SECRETS = ("MAGMPM_STORAGE", "PGPASSWORD", "PGPASSFILE")  # of the storage, which workers do not see
 
 
@@ -124,16 +124,16 @@ class Pool:
         """Start a process anew that has ended, with the same design; or say why the design is given up."""
         self.deaths += 1
         self._failed_starts += not worker.ready
-        if self._failed_starts >= STARTS:
-            rule = f"worker processes must start; {STARTS} in a row {how}"
+        if self._failed_starts >= FAILED_STARTS:
+            rule = f"worker processes must start; {FAILED_STARTS} in a row {how}"
             remedy = "see that there is memory for them, or use --workers 1"
             raise WorkersError(report("--workers", rule=rule, remedy=remedy))
         worker.tries += worker.ready
         worker.start()
-        if worker.tries >= TRIES:
+        if worker.tries >= PROCESSES_PER_DESIGN:
             worker.job = None
             worker.tries = 0
-            return f"the process that solved it {how}, {TRIES} times"
+            return f"the process that solved it {how}, {PROCESSES_PER_DESIGN} times"
         worker.give(worker.job)
         return None
 

@@ -48,7 +48,7 @@ EXCHANGED = (  # ... and the number of the trial whose design it has, but for on
     "exchanged"
 )
 READY = "asked"  # ... and whether its parameters are all there
-PATIENCE = (
+SECONDS_TO_LEAVE = (
     5.0  # s to wait for the parameters of a trial with a smaller number: its session may have died
 )
 # s after which a trial begun on another machine counts as left behind, if its session writes no
@@ -156,7 +156,7 @@ class PerTrial(BaseSampler):
 
 
 def _wait_for_smaller(
-    study: Study, trial: FrozenTrial, silent: set[int], patience: float = PATIENCE
+    study: Study, trial: FrozenTrial, silent: set[int], patience: float = SECONDS_TO_LEAVE
 ) -> None:
     """Wait until running trials with smaller numbers have all their parameters, `patience` s for each, which is silent if it has not."""
 
@@ -244,11 +244,11 @@ class Session:
                 self._take_up(trial)
 
     def tell_wait(self) -> None:
-        """Say what this session waits for, if it has nothing else to do: after PATIENCE seconds, and again after each LEASE."""
+        """Say what this session waits for, if it has nothing else to do: after SECONDS_TO_LEAVE seconds, and again after each LEASE."""
         now = time.monotonic()
-        if now - self._said < PATIENCE:
+        if now - self._said < SECONDS_TO_LEAVE:
             return
-        self._said = now + LEASE - PATIENCE
+        self._said = now + LEASE - SECONDS_TO_LEAVE
         records = self.store(lambda: self.kept.user_attrs)
         running = self.store(
             lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))

@@ -32,7 +32,7 @@ from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
 # s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so
 # that shapes keep coming
-PATIENCE = 0.4
+LONGEST_LIVE_SOLVE = 0.4
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class SolverProcess:
                     raise found
                 if kind == DONE:
                     return found  # type: ignore[no-any-return]
-            elif ticket != self._newest and time.perf_counter() - begun > PATIENCE:
+            elif ticket != self._newest and time.perf_counter() - begun > LONGEST_LIVE_SOLVE:
                 self.process.give(None)  # give up; both are answered
                 answered = 0
                 while answered < 2:

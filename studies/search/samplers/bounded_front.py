@@ -39,7 +39,7 @@ BOUND = (  # in a trial's plan: the bound within which it was sought, as a share
 EACH = 4  # trials of a bound, at most: a start and its steps
 # of the distance, about: a bound is left after a step that wins less, and a gap between two in
 # which it changes less
-FLAT = 0.05
+LEAST_PROGRESS = 0.05
 NARROWEST = 1 / 64  # of the greatest bound: gaps below are not looked into
 
 
@@ -183,7 +183,7 @@ class BoundedFront(PlanningSampler):
         gaps: list[tuple[float, float]] = []  # what there is to find, middle
         for low, high in zip([0.0, *known], known, strict=False):
             change = math.log(self._distance(low, trials) / self._distance(high, trials))
-            if high - low >= NARROWEST and change > FLAT:
+            if high - low >= NARROWEST and change > LEAST_PROGRESS:
                 gaps.append(((high - low) * change, (low + high) / 2))
         return max(gaps, default=(0.0, None))[1]
 
@@ -198,7 +198,7 @@ def _wins_little(trial: FrozenTrial, trials: Sequence[FrozenTrial]) -> bool:
     origin = trial.system_attrs[PLAN]["from"]
     before = next((t for t in trials if t.number == origin), None)
     return before is not None and not (
-        counted(trial) and trial.values[0] < (1.0 - FLAT) * before.values[0]
+        counted(trial) and trial.values[0] < (1.0 - LEAST_PROGRESS) * before.values[0]
     )
 
 

@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 POOR = (
     0.04  # of the length: a rod's design whose body is farther from the target is on another branch
 )
-NEAR = 0.01  # of the length: designs of a front that are nearer are about as good as each other
+ALIKE_ON_FRONT = (
+    0.01  # of the length: designs of a front that are nearer are about as good as each other
+)
 MOST_WORKERS = 256  # processes of one session
 POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
 
@@ -306,7 +308,7 @@ def make_sampler(
 
             blocks = gauss_newton_blocks(space).blocks
             length = space.scene.length
-            near = goal or NEAR * length
+            near = goal or ALIKE_ON_FRONT * length
             poor = POOR * length
             return BoundedFront(
                 blocks, seed, starts=starts, near=near, poor=poor, far=length, improve=improve

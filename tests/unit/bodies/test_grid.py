@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline
 
 from magmpm.bodies.grid import (
     EVEN,
-    THIN,
+    LEAST_JOINT_DISTANCE_AT_REST,
     Grid,
     Knots,
     clamp_first_node,
@@ -131,7 +131,7 @@ def test_joints_too_near_to_another_or_to_an_end_get_no_knot() -> None:
 
 
 def test_twice_as_many_cells_across_are_twice_as_many_in_each_run(rng: np.random.Generator) -> None:
-    """And no cell is wider than requested, by more than THIN of it."""
+    """And no cell is wider than requested, by more than LEAST_JOINT_DISTANCE_AT_REST of it."""
     for _ in range(50):
         ends = np.cumsum(rng.uniform(0.5e-3, 9e-3, 3)).tolist()
         for cells in (2, 3, 5):
@@ -140,7 +140,10 @@ def test_twice_as_many_cells_across_are_twice_as_many_in_each_run(rng: np.random
             )
             assert [2 * run.cells for run in one.runs] == [run.cells for run in two.runs]
             for made, across in ((one, cells), (two, 2 * cells)):
-                assert max(run.width for run in made.runs) <= (1 + THIN) * 4 * H / across
+                assert (
+                    max(run.width for run in made.runs)
+                    <= (1 + LEAST_JOINT_DISTANCE_AT_REST) * 4 * H / across
+                )
 
 
 @pytest.mark.parametrize("joints", [(), (0,)])
@@ -151,7 +154,11 @@ def test_cells_counted_from_the_tip_stay_in_the_material(joints: tuple[int, ...]
         faces = grid([outside - 3.7e-3, outside], Knots(joints, from_tip=True)).faces
         from_tip = (faces[-1] - faces[1:])[::-1]  # m, of all faces but the base
         assert np.abs(from_tip[: len(known)] - known).max(initial=0.0) < 1e-12 * outside  # rounding
-        assert THIN * H * (1 - 1e-9) <= faces[1] - faces[0] <= (1 + THIN) * H * (1 + 1e-9)
+        assert (
+            LEAST_JOINT_DISTANCE_AT_REST * H * (1 - 1e-9)
+            <= faces[1] - faces[0]
+            <= (1 + LEAST_JOINT_DISTANCE_AT_REST) * H * (1 + 1e-9)
+        )
         known = from_tip
 
 

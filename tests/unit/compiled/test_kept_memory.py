@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from magmpm.compiled import kept_memory
-from magmpm.compiled.kept_memory import MOST, SMALL, WASTE, empty
+from magmpm.compiled.kept_memory import LEAST_BYTES_KEPT, MOST_BYTES_KEPT, WASTE, empty
 
 MEGABYTE = 1 << 17  # entries
 
@@ -57,15 +57,17 @@ def test_a_small_array_does_not_take_the_place_of_a_large_one() -> None:
 
 
 def test_what_waits_is_limited() -> None:
-    """The oldest pieces go first; arrays below SMALL are none of its business."""
-    pieces = [empty((MOST // 8 // 4 + k,)) for k in range(6)]
+    """The oldest pieces go first; arrays below LEAST_BYTES_KEPT are none of its business."""
+    pieces = [empty((MOST_BYTES_KEPT // 8 // 4 + k,)) for k in range(6)]
     while pieces:
         del pieces[0]
-    assert sum(map(len, kept_memory._free.values())) <= MOST
-    assert [len(piece) // 8 - MOST // 8 // 4 for piece in kept_memory._free.values()] == [3, 4, 5]
+    assert sum(map(len, kept_memory._free.values())) <= MOST_BYTES_KEPT
+    assert [
+        len(piece) // 8 - MOST_BYTES_KEPT // 8 // 4 for piece in kept_memory._free.values()
+    ] == [3, 4, 5]
     before = len(kept_memory._free)
     del pieces
-    _ = empty((SMALL // 8 - 1,))
+    _ = empty((LEAST_BYTES_KEPT // 8 - 1,))
     del _
     assert len(kept_memory._free) == before
 

@@ -162,9 +162,9 @@ def test_the_quicker_number_is_taken_and_the_other_tried_again(slow: int) -> Non
             assert numba.get_num_threads() == 2
     finally:
         numba.set_num_threads(before)
-    start = taken[: 2 * threads.TRIES]
-    assert start.count(1) == start.count(2) == threads.TRIES
-    rest = taken[2 * threads.TRIES :]
+    start = taken[: 2 * threads.TRIALS_OF_EACH_COUNT]
+    assert start.count(1) == start.count(2) == threads.TRIALS_OF_EACH_COUNT
+    rest = taken[2 * threads.TRIALS_OF_EACH_COUNT :]
     assert rest.count(slow) == 1, "once in RETRIED calls"
     assert taken[threads.RETRIED] == slow
 

@@ -140,7 +140,7 @@ def test_a_step_of_the_scene_is_kept_or_refused() -> None:
 def test_shortened_steps_are_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A motion that shortens and lengthens its steps, resumed from a checkpoint in between, equals an uninterrupted one bit for bit."""
     monkeypatch.setattr(
-        step_control, "CHANGE", 1e-5
+        step_control, "MOST_CHANGE_OF_STIFFNESS", 1e-5
     )  # of a calm motion; a violent one would work too, but slower
     rod = rod_scene(length=8e-3, field=(0.0, 0.0, 20e-3))
     scene = moving(rod, duration=2e-3, output_every=2e-4)

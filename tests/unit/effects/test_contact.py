@@ -17,7 +17,7 @@ from magmpm.effects import acting as effects
 from magmpm.effects import contact_law as contact
 from magmpm.effects import ground, self_contact
 from magmpm.effects.acting import Effects
-from magmpm.effects.body_reach import FAR, STRETCHED, body_reach
+from magmpm.effects.body_reach import FARTHEST_MOVE, STRETCHED, body_reach
 from magmpm.effects.contact_force import PARTS
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
@@ -289,12 +289,14 @@ def test_a_tube_that_begins_far_before_the_body_is_refused_as_a_far_vessel_is() 
 def test_a_free_body_may_go_as_far_as_a_motion_lets_it() -> None:
     """Ten times its size: beyond that, the watchdog ends the motion before it reaches the ground."""
     size = float(np.sqrt(L**2 + 2 * D**2))
-    near = FAR * size
-    far = (FAR + 1) * size
+    near = FARTHEST_MOVE * size
+    far = (FARTHEST_MOVE + 1) * size
     assert effects.warnings(placed({"ground": plane(near), "gravity": {}}, clamp="none")) == []
     (said,) = effects.warnings(placed({"ground": plane(far), "gravity": {}}, clamp="none"))
     assert "10 times its size, where a motion is stopped" in said
-    assert body_reach(placed({}, clamp="none")).radius == pytest.approx((FAR + 0.5) * size)
+    assert body_reach(placed({}, clamp="none")).radius == pytest.approx(
+        (FARTHEST_MOVE + 0.5) * size
+    )
 
 
 def test_distance_from_a_tube() -> None:

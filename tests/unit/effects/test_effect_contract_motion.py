@@ -19,7 +19,7 @@ from magmpm.dynamics.step_control import body_step
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
 from magmpm.effects.base import Effect, Records, Touching
-from magmpm.effects.contact_force import GRIP, KEPT, MOST, PARTS, own_grip, rubbed, touches
+from magmpm.effects.contact_force import GRIP, KEPT, MOST_PUSH, PARTS, own_grip, rubbed, touches
 from magmpm.effects.contact_law import at_rest, contact_of
 
 # kg
@@ -146,9 +146,11 @@ def test_friction_is_coulombs_law_on_velocities(key: str, rng: np.random.Generat
             before = (0.0, 0.5, 3.0)[k % 3] * friction * size * rng.standard_normal(3)
             kept[:3] = before
             assert touches(f, kept, 0) == (friction > 0)
-            assert kept[MOST] == pytest.approx(friction * size, rel=1e-12)
+            assert kept[MOST_PUSH] == pytest.approx(friction * size, rel=1e-12)
             begun = kept[:3].copy()
-            np.testing.assert_allclose(begun, allowed(before, n, kept[MOST]), atol=1e-12 * size)
+            np.testing.assert_allclose(
+                begun, allowed(before, n, kept[MOST_PUSH]), atol=1e-12 * size
+            )
             np.testing.assert_allclose(f[:3], push + begun, atol=1e-12 * size)
             v = 10.0 ** rng.uniform(-2, 2) * friction * size / heft * rng.standard_normal(3)
             change = np.array(rubbed(kept, 0, v, heft))

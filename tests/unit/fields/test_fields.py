@@ -283,7 +283,7 @@ def test_frame_carries_z_onto_the_axis(rng: np.random.Generator) -> None:
 
 
 def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table, "MAX_NODES", 40_000)
+    monkeypatch.setattr(table, "MOST_TABLE_NODES", 40_000)
     near = Box(np.array([-10e-3, -10e-3, -10e-3]), np.array([49.9e-3, 10e-3, 10e-3]))
     with pytest.raises(
         InputError,

@@ -10,8 +10,8 @@ from reference.solids import ball, box
 from scipy.spatial.transform import Rotation
 
 from magmpm.bodies.contact_solid import (
-    FINE,
     NEEDLE,
+    TABLE_POINTS_PER_CELL,
     box_solid,
     mesh_solids,
     rod_solid,
@@ -21,7 +21,7 @@ from magmpm.bodies.signed_distance import solid
 from magmpm.bodies.surface_mesh import Mesh, outline, pack_mesh
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects.contact_force import MOST, NORMAL
+from magmpm.effects.contact_force import MOST_PUSH, NORMAL
 from magmpm.kernels.body_contact import (
     DEPTH,
     FORCE,
@@ -35,7 +35,7 @@ from magmpm.kernels.body_contact import (
 from magmpm.kernels.mass_correction import begin_impulses
 from magmpm.kernels.total_lagrangian_step import State
 from magmpm.model import build
-from magmpm.statics.surface_pairs import SHARE
+from magmpm.statics.surface_pairs import SHARE_OF_EACH_BODY
 
 # m
 SIZE = 3e-3
@@ -101,7 +101,7 @@ def test_places_and_depths_in_a_deformed_solid(motion: TotalMotion) -> None:
     memory[:, FORCE : FORCE + 3] += (
         1e3
         * memory[:, [DEPTH]]
-        * np.cross(memory[:, FRICTION + NORMAL : FRICTION + MOST], [0.3, 1.0, X[0, 0]])
+        * np.cross(memory[:, FRICTION + NORMAL : FRICTION + MOST_PUSH], [0.3, 1.0, X[0, 0]])
     )
     reports.append(contact.report(np.append(memory, 0.0), u, 0.0 * u)["self_contact: a, b"])
     np.testing.assert_allclose(
@@ -110,12 +110,13 @@ def test_places_and_depths_in_a_deformed_solid(motion: TotalMotion) -> None:
 
 
 def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> None:
-    """-f . du = dW for W = sum of SHARE m w^2 d^2 / 2, by central differences; their sum, and their moment about the origin, are zero."""
+    """-f . du = dW for W = sum of SHARE_OF_EACH_BODY m w^2 d^2 / 2, by central differences; their sum, and their moment about the origin,
+    are zero."""
     u, _ = bent(motion)
     contact = motion.contact
     contact.list(u)
     meeting = contact.meeting
-    rigidity = SHARE * motion.packed.surface.mass[meeting.point] * meeting.law[0]
+    rigidity = SHARE_OF_EACH_BODY * motion.packed.surface.mass[meeting.point] * meeting.law[0]
     change = np.random.default_rng(1).standard_normal(u.shape) * 1e-9
 
     def energy(at: np.ndarray) -> float:
@@ -137,7 +138,7 @@ def test_friction_between_parts_keeps_momentum_and_leaves_what_is_held(
     u, _ = bent(motion)
     motion.contact.list(u)
     memory, _ = touched(motion, u)
-    memory[memory[:, DEPTH] > 0, FRICTION + MOST] = 1e-3
+    memory[memory[:, DEPTH] > 0, FRICTION + MOST_PUSH] = 1e-3
     meeting = motion.contact.meeting._replace(memory=np.append(memory, 0.0))
     p = motion.packed
     nodes = p.nodes._replace(inverse_mass=(0.0 if held else 1.0) * p.nodes.inverse_mass)
@@ -210,7 +211,7 @@ def test_edges_of_solids_are_sharp(
     )
     solids = mesh_solids([[box(*each).triangles for each in boxes]], 0.75e-3)
     normal = np.empty(3)
-    spacing = 0.75e-3 / FINE
+    spacing = 0.75e-3 / TABLE_POINTS_PER_CELL
     whole = ((0, 0, 0), (6e-3, 3e-3, 3e-3))
     others = [((low, -1, 1.5e-3 - gap / 2), (high, 1, 1)) for low, high in left_out]
 
@@ -262,7 +263,7 @@ def test_needles_have_no_side() -> None:
     normal = np.empty(3)
     cell = 0.75e-3
     solids = mesh_solids([[found := outline(text, NEEDLE * cell)]], cell)
-    table = solid([found], found, cell / FINE, 0.0)
+    table = solid([found], found, cell / TABLE_POINTS_PER_CELL, 0.0)
     assert len(found) == 12
     for off in rng.uniform((0.3e-3, -0.3e-3, 3.0e-3), (5.7e-3, -0.02e-3, 3.3e-3), (500, 3)):
         x = turn.apply(off)

@@ -15,7 +15,7 @@ from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
 from magmpm.effects.base import one_record
-from magmpm.effects.contact_force import MOST, NORMAL
+from magmpm.effects.contact_force import MOST_PUSH, NORMAL
 from magmpm.effects.contact_law import at_rest, contact_of
 from magmpm.kernels.surface_contact import PATCH
 from magmpm.model import Model, build
@@ -123,10 +123,10 @@ def test_effects_of_motion(rng: np.random.Generator) -> None:
     assert 5 < touching.sum() < 0.9 * patches
     assert (size[touching] > 0.999 * most[touching]).any(), "some slide"
     assert (size[touching] < 0.999 * most[touching]).any(), "some stick"
-    np.testing.assert_allclose(found[:, MOST], most, rtol=0, atol=1e-12 * most.max())
+    np.testing.assert_allclose(found[:, MOST_PUSH], most, rtol=0, atol=1e-12 * most.max())
     np.testing.assert_allclose(found[:, :3], held, rtol=0, atol=1e-9 * most.max())
     normal = reference.normal[reference.order]
-    np.testing.assert_allclose(found[:, NORMAL:MOST], normal, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found[:, NORMAL:MOST_PUSH], normal, rtol=0, atol=1e-9)
 
 
 def test_same_bits_at_any_number_of_threads() -> None:

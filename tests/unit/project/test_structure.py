@@ -31,10 +31,10 @@ MOST_AT_THE_ROOT = 8
 FACE = 80  # lines
 # Ceilings: they fall from issue to issue. Lines are free: readable type takes more of them.
 MOST_NODES = (
-    543_900  # syntax nodes of magmpm, studies and viz; 520_500 before fluids and contact at rest
+    544_100  # syntax nodes of magmpm, studies and viz; 520_500 before fluids and contact at rest
 )
 MOST_TUPLES = 92  # assignments of several values to several names in one statement
-MOST_LONG_LINES = 45  # lines of code over 100 columns: formulas
+MOST_LONG_LINES = 41  # lines of code over 100 columns: formulas
 MOST_CONSTANTS = 448  # named numbers of modules
 MOST_OF_MANY_ARGUMENTS = 32  # functions of more than 8 arguments
 MOST_TWICE = 0  # class names that stand more than once
@@ -280,6 +280,18 @@ def test_named_numbers_are_few() -> None:
         for number in numbers(node)
     ]
     assert len(found) <= MOST_CONSTANTS, len(found)
+
+
+def test_named_numbers_mean_one_thing() -> None:
+    """A number's name stands in one module: MOST of ten modules says nothing."""
+    names = Counter(
+        number
+        for path in files().values()
+        for node in tree(path).body
+        if isinstance(node, ast.Assign)
+        for number in numbers(node)
+    )
+    assert {name: count for name, count in names.items() if count > 1} == {}
 
 
 def test_functions_have_few_arguments() -> None:

@@ -14,7 +14,7 @@ from magmpm.cli import main
 from magmpm.dynamics.checkpoint import Checkpoint
 from magmpm.model import Model, build
 from magmpm.results.result import Result
-from magmpm.results.strain import STRETCH, VOLUME, Strain, strain_of
+from magmpm.results.strain import LARGE_STRETCH, VOLUME, Strain, strain_of
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 from magmpm.viz.from_result import Still, trial_snapshot
@@ -47,9 +47,9 @@ def test_stretches_are_the_principal_ones(
     F = after @ np.diag([stretch, stretch**-0.5, stretch**-0.5]) @ before
     found = held(model, F)
     assert found.stretch == pytest.approx(stretch, rel=1e-12)
-    assert (found.stretched, found.swollen) == pytest.approx((float(stretch > STRETCH), 0.0))
+    assert (found.stretched, found.swollen) == pytest.approx((float(stretch > LARGE_STRETCH), 0.0))
     said = found.warnings(model)
-    assert len(said) == (stretch > STRETCH)
+    assert len(said) == (stretch > LARGE_STRETCH)
     assert all(
         "100 % of the volume is stretched to more than 1.5" in text
         and f"at most {stretch:.3g} times" in text
@@ -139,7 +139,7 @@ def test_absurdly_soft_silicone_is_warned_of(
     printed = capsys.readouterr()
     told = json.loads(printed.out)
     saved = Result.load(out)
-    assert told["largest_stretch"] == saved.largest_stretch > STRETCH
+    assert told["largest_stretch"] == saved.largest_stretch > LARGE_STRETCH
     assert told["tightest_radius"] == saved.tightest_radius < D
     said = [text for text in saved.warnings if text.startswith("strain: ")]
     for text, about in zip(
@@ -173,7 +173,7 @@ def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
     scene = swinging(duration=30e-3)
     whole = run(scene)
     (said,) = (text for text in whole.warnings if "is stretched to more than" in text)
-    assert whole.largest_stretch > STRETCH
+    assert whole.largest_stretch > LARGE_STRETCH
     assert "times, at 0.0" in said
     part = swinging(duration=20e-3)
     run(part, folder=tmp_path)

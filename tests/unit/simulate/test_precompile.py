@@ -100,7 +100,7 @@ def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for
     compiler: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A static scene once waited eight minutes for the kernels of another one's motion. Here families of rods are the others."""
-    monkeypatch.setattr(warmup, "PATIENCE", 0.3)
+    monkeypatch.setattr(warmup, "SECONDS_TO_WAIT", 0.3)
     begun = threading.Event()
     go_on = threading.Event()
     compiler.work = lambda: begun.set() or go_on.wait(60)
@@ -140,10 +140,10 @@ def test_a_solve_that_only_compiles_ends_after_a_few_steps(monkeypatch: pytest.M
     monkeypatch.setattr(warmup, "_stability", judged.append)
     small = coarsest(rod_scene())
     warmup.solve_small(small)
-    assert 0 < len(steps) <= warmup.STEPS
+    assert 0 < len(steps) <= warmup.STEPS_OF_SMALL_SOLVE
     assert judged == [small]
     warmup.differentiate_small(small)
-    assert len(steps) <= 2 * warmup.STEPS
+    assert len(steps) <= 2 * warmup.STEPS_OF_SMALL_SOLVE
 
 
 def test_a_kernel_that_is_saved_stays_as_it_is(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from magmpm.statics import axis
 from magmpm.statics.axis import carried
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Following, one_blas_thread, solve_static
-from magmpm.statics.grids import SETTLED, SLENDER, approached
+from magmpm.statics.grids import PROOF_SETTLED, SLENDER, approached
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import corrected
 
@@ -105,7 +105,8 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
 
 @pytest.mark.parametrize("slenderness", [0.0, 2 * SLENDER])
 def test_it_ends_where_the_equilibrium_is(grids, slenderness: float) -> None:
-    """In single and in double precision, to a third more than SETTLED of what it was to tell (what is left shrinks by a quarter a step)."""
+    """In single and in double precision, to a third more than PROOF_SETTLED of what it was to tell (what is left shrinks by a quarter a
+    step)."""
     fine, start, truth, compared = grids
     told: list[int] = []
     with one_blas_thread():
@@ -120,7 +121,7 @@ def test_it_ends_where_the_equilibrium_is(grids, slenderness: float) -> None:
     assert near is not None
     difference = apart(points(fine, truth), compared)
     assert difference > 1e-7, "there is something to tell"
-    assert apart(points(fine, near), points(fine, truth)) < 4 / 3 * SETTLED * difference
+    assert apart(points(fine, near), points(fine, truth)) < 4 / 3 * PROOF_SETTLED * difference
     assert told == list(range(len(told)))
 
 

@@ -263,7 +263,7 @@ def test_magnet_near_the_body_is_drawn_in_every_view(renderer: Renderer) -> None
     for place, shown in (([0.07, 0.0, 0.01], True), ([3.0, 0.0, 0.0], False)):
         said = Scene.from_si(drawn.scene(field={"magnet": [{**magnet, "position": place}]}))
         sources = obstacles.in_reach(
-            obstacles.sources(said), picture.body.points, obstacles.REACH * picture.length
+            obstacles.sources(said), picture.body.points, obstacles.REACH_OF_VIEW * picture.length
         )
         image = renderer.image(replace(picture, obstacles=tuple(sources)))
         for panel in (MAIN, TOP, SIDE):
