@@ -87,7 +87,7 @@ class MeshPart(Settings):
     mesh : str
         Path, relative to this file, of an STL file: a closed surface.
     name : str, optional
-        What messages call it; the file's name unless given.
+        Name used in messages and results; the file's name unless given.
     material : str
         A name from `materials`.
     magnetization : Angles, dict or sequence (3,), no unit, optional
@@ -151,9 +151,9 @@ class Parts(BodyShape):
     meshes : sequence of MeshPart
         The parts.
     tip : str or sequence (3,) of float or str, m, optional
-        What results call the tip: a part by its name, meant is its center, or a point of a part
-        that moves, in the undeformed body, such as the middle of an end face. Unless given,
-        parts have no tip.
+        The tip in results: the name of a part (its center), or a point of a moving part
+        in the undeformed body, such as the middle of an end face. Unless given, parts
+        have no tip.
     """
 
     clamp_key: ClassVar[str] = "meshes"

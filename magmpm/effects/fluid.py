@@ -60,14 +60,15 @@ class Fluid(Effect):
     Parameters
     ----------
     density : float or str, kg/m^3
-        Of the fluid; water has 1000 kg/m^3, blood 1060.
+        Density of the fluid; water has 1000 kg/m^3, blood 1060.
     viscosity : float or str, Pa s
         Dynamic viscosity; water has 1 mPa s, blood 3.5, glycerol 1400.
     velocity : sequence (3,) of float or str, m/s, optional
-        Of the undisturbed stream, everywhere: [x, y, z]; at rest unless given.
+        Velocity of the undisturbed stream, the same everywhere: [x, y, z]; at rest
+        unless given.
     mean_speed : float or str, m/s, optional
-        In place of `velocity`: the mean speed of a steady flow through the tube of `walls`,
-        along its path, with the profile of Poiseuille; beyond its wall nothing flows.
+        In place of `velocity`: the mean speed of a steady flow through the tube of
+        `walls`, along its path, with Poiseuille's profile; no flow outside its wall.
 
     Examples
     --------

@@ -44,8 +44,9 @@ class Ground(Obstacle):
     friction : float, no unit, optional
         Coulomb's coefficient of friction; 0, slippery, unless given.
     stiffness : float, no unit, optional
-        Times the usual stiffness of the contact, which lets the body in by micrometers; 1
-        unless given. Above 1 the contact may ask for a smaller time step than the body.
+        Factor on the usual contact stiffness, at which the body sinks in by
+        micrometers; 1 unless given. Above 1 the contact may require a smaller time step
+        than the body.
 
     Examples
     --------

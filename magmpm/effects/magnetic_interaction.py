@@ -50,7 +50,7 @@ class MagneticInteraction(BodyEffect):
     Parameters
     ----------
     blocks_across : int, optional
-        Dipoles that stand for a segment, across its thickness (and as densely along it); 3
+        Number of dipoles across a segment's thickness (and as densely along it); 3
         unless given.
     """
 

@@ -53,7 +53,8 @@ class Dipole(Settings):
     moment : sequence (3,) of float or str, A m^2
         Magnetic moment, Br V/mu0 of a magnet: [x, y, z].
     diameter : float or str, m, optional
-        Of the sphere it stands for, which the body must stay out of; a point unless given.
+        Diameter of the sphere it represents, which the body must stay out of; a point
+        unless given.
 
     Examples
     --------

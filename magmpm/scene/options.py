@@ -479,10 +479,11 @@ class Static(Settings):
     Parameters
     ----------
     tolerance : float, no unit, optional
-        Stops when a step can win less than this part of the energy; 1e-11 unless given.
+        Stop when a step can lower the energy by less than this fraction; 1e-11 unless
+        given.
     max_steps : int, optional
-        Most Newton steps of a solve; 60 unless given. Of STL parts, which have no rod's shape
-        to start from, ten times this.
+        Maximum number of Newton steps in a solve; 60 unless given. STL parts, which
+        have no rod's shape to start from, get ten times this.
     field_steps : int, optional
         Steps in which field and gravity grow from zero; chosen by the solver unless given.
     """
@@ -610,8 +611,8 @@ class Resolution(Settings):
         length changes; the one at the base takes what is left. Unless given, all cells between
         two materials are equal.
     error : float or str, optional
-        The largest error wanted, a share of the length or a length: the program chooses the
-        cells, and proves the error; give this, `seconds`, or cells_across.
+        The largest allowed error, a share of the length or a length: the program
+        chooses the cells, and bounds the error; give this, `seconds`, or cells_across.
     of : {'centreline', 'tip'}, optional
         Where `error` is meant: anywhere on the centreline (unless given), or at the tip.
     seconds : float or str, s, optional

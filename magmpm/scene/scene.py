@@ -178,13 +178,13 @@ class Scene(Settings):
     body : Body
         What moves: a catheter, a strip, or parts given as STL meshes.
     field : FieldSource, optional
-        The outside magnetic field; none unless given.
+        The external magnetic field; none unless given.
     move : dict of str to Move, optional
         What holds the body is moved: base, tip (of a strip that both ends hold), or held parts
         by their names.
     effects : Effects, optional
-        What is simulated; what is not named is not, and costs nothing. auto: the program
-        chooses, and says what and why.
+        The effects to simulate; one that is not named costs nothing. auto: the program
+        chooses them, and reports which and why.
     solver : Solver, optional
         Static unless given.
     resolution : Resolution, optional
