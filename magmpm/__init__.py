@@ -36,7 +36,15 @@ if TYPE_CHECKING:
         SceneError,
         SolveError,
     )
-    from magmpm.fields.sources import Coil, Cuboid, Cylinder, Dipole, Magnet, UniformField
+    from magmpm.fields.sources import (
+        Coil,
+        Cuboid,
+        Cylinder,
+        Dipole,
+        FieldSource,
+        Magnet,
+        UniformField,
+    )
     from magmpm.results.notices import MagmpmWarning
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
@@ -57,6 +65,7 @@ __all__ = [
     "Dipole",
     "Dynamic",
     "Feed",
+    "FieldSource",
     "Fluid",
     "Gravity",
     "Ground",
@@ -126,7 +135,8 @@ _HOMES |= {
     **dict.fromkeys(("MeshPart", "Parts"), "bodies.assembly"),
     **dict.fromkeys(("Catheter", "Tube"), "bodies.catheter"),
     **dict.fromkeys(
-        ("Coil", "Cuboid", "Cylinder", "Dipole", "Magnet", "UniformField"), "fields.sources"
+        ("Coil", "Cuboid", "Cylinder", "Dipole", "FieldSource", "Magnet", "UniformField"),
+        "fields.sources",
     ),
     **dict.fromkeys(
         ("Dynamic", "Material", "QuasiStatic", "Resolution", "Static"), "scene.options"

@@ -26,6 +26,7 @@ SHORT = {  # what `make TARGET` is given
     "test-workers": "",
     "test-browser": "",
     "test-gp": "",
+    "test-minimum": "",
     "validate": "",
     "bench-startup": "",
     "bench-view": "",

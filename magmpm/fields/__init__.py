@@ -1,1 +1,1 @@
-"""The outside magnetic field: its sources, schedules and evaluation."""
+"""The external magnetic field: its sources, schedules and evaluation."""

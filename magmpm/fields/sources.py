@@ -291,7 +291,33 @@ class UniformField(Settings):
 
 
 class FieldSource(Settings):
-    """The outside magnetic field: the sum of its sources."""
+    """The external magnetic field: the sum of its sources, and how it changes in time.
+
+    Parameters
+    ----------
+    uniform : sequence (3,) of float or str, T, optional
+        Flux density, the same everywhere: [x, y, z].
+    dipole : Dipole or sequence of Dipole, optional
+        A point dipole, or a list of them.
+    magnet : Magnet or sequence of Magnet, optional
+        A permanent magnet of finite size, or a list of them (needs magpylib).
+    coils : Coil or sequence of Coil, optional
+        A round coil, or a list of them (needs magpylib).
+    map : Map or dict, optional
+        A measured field on a regular grid.
+    tabulation : Tabulation or dict, optional
+        Accuracy and extent of the field tables of magnets and coils; chosen unless
+        given.
+    over_time : OverTime or dict, optional
+        How the field changes in time; it does not unless given.
+
+    Examples
+    --------
+    >>> from magmpm import FieldSource
+    >>> turning = {"rotation": {"axis": [0, 1, 0], "frequency": "2 Hz"}}
+    >>> FieldSource(uniform=["5 mT", 0, 0], over_time=turning).over_time.rotation.frequency  # Hz
+    2.0
+    """
 
     uniform: FluxVector = Field(
         default=(0.0, 0.0, 0.0),

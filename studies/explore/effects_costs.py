@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numba
 import numpy as np
@@ -66,13 +67,16 @@ def _only_moves(scene: Scene, kind: type[Effect]) -> bool:
 
 
 def _with(scene: Scene, *keys: str) -> Scene:
-    """The scene with these effects alone, at its own settings or those of their keys' examples; its kernels are compiled."""
-    settings = {}
+    """The scene with these effects alone, at its own settings or those of their keys' examples; its kernels are compiled.
+
+    Raises InputError where the scene can't have them.
+    """
+    settings: dict[str, Any] = dict.fromkeys(Effects.every())
     for key in keys:
         examples = Effects.model_fields[key].examples or [{}]
         named = getattr(scene.effects, key)
         settings[key] = named or getattr(validate(Effects, {key: examples[0]}, "example"), key)
-    found = scene.model_copy(update={"effects": Effects(**settings)})
+    found = scene.with_effects(**settings)
     prepare_kernels(found)
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from magmpm.errors import in_words, significant
@@ -30,7 +31,7 @@ class GoalReport:
     measures, params and whether it keeps the limits; begun: params of the scene as it is; tied: how many numbers of the scene share a
     parameter, where they are several; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and
     were not run; finer: the best on more cells; scatter: values of designs that are all but the best; why_sampler: that the file does not
-    name; ended: running, done or interrupted; warnings: of the best run.
+    name; ended: running, done or interrupted; warnings: of the best run; out: folder of the results, whose best/ holds the best run.
     """
 
     name: str
@@ -56,10 +57,11 @@ class GoalReport:
     why_sampler: str | None = None
     ended: str = "done"
     warnings: list[str] = field(default_factory=list)
+    out: Path = Path()
 
     def summary(self) -> dict[str, Any]:
         """Plain data."""
-        return dict(vars(self))
+        return {**vars(self), "out": str(self.out)}
 
 
 def shared(tied: Mapping[str, int], name: str) -> str:

@@ -511,6 +511,7 @@ class _Seeking:
             seconds_per_trial=float(np.median(took)) if took else 0.0,
             ended=ended,
             warnings=[] if best is None else Result.load(self.out / "best").warnings,
+            out=self.out,
         )
 
     def _finer(self, best: dict[str, Any]) -> dict[str, Any] | None:

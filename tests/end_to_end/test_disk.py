@@ -73,7 +73,7 @@ def test_a_full_disk_names_file_and_remedy(
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr("magmpm.results.result.np.savez_compressed", no_room)
-    says = f"{folder}/state.npz: {os.strerror(number)}\n  rule: ", "\n  remedy: free room"
+    says = f"{folder}/state.npz: {os.strerror(number)}\n  rule: ", "\n  remedy: free disk space"
     told("run", result.parent / "scene.yaml", "--out", folder, status=1, says=says)
     assert {
         path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"

@@ -81,7 +81,7 @@ def test_all_that_is_looked_at(
     parts = checks["optional parts"]
     assert parts["status"] == doctor.OK
     assert parts["found"].startswith(
-        "there: magnets, render; not there: postgresql (studies in PostgreSQL); "
+        "there: magnets, render; not installed: postgresql (studies in PostgreSQL); "
     )
     assert parts["found"].endswith("pip install 'magmpm[NAME]'")
 
@@ -169,9 +169,7 @@ def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, told) -> 
 
     out, err = run_again()
     assert {
-        part
-        for part, path in damaged
-        if f"{path}: damaged; what belongs there is compiled anew\n" in err
+        part for part, path in damaged if f"{path}: damaged; the kernel is compiled again\n" in err
     } == set(DAMAGED)
     assert json.loads(out)["tip"] == good["tip"]
     assert run_again()[1] == "", "what was damaged has been replaced"

@@ -71,7 +71,7 @@ def test_a_checkpoint_that_the_disk_does_not_take_is_warned_of(tmp_path: Path) -
     )
     assert len(moved.warnings) == 1
     assert moved.warnings[0].startswith(
-        f"{tmp_path / CHECKPOINT}: Is a directory: --resume can only go on"
+        f"{tmp_path / CHECKPOINT}: Is a directory: --resume can only continue"
     )
     assert len(Motion.load(tmp_path)) == 3
 
@@ -128,7 +128,7 @@ def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told) -> 
         (
             "2 ms, output_every: 1 ms",
             "1 ms, output_every: 1 ms",
-            "must be no shorter than what the motion has done, 0.002 s",
+            "must be at least the time already simulated, 0.002 s",
         ),
         ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
         (
@@ -254,7 +254,7 @@ def test_resuming_from_nothing_is_said(tmp_path: Path, told) -> None:
     path = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms")
     out = tmp_path / "out"
     resumed = ["run", path, "--out", out, "--resume"]
-    told(*resumed, says=f"{out} holds no checkpoint.npz; the motion begins at the start")
+    told(*resumed, says=f"{out} holds no checkpoint.npz; the motion starts over")
     assert "--resume" not in told(*resumed).err
     path.write_text(
         path.read_text(encoding="utf-8").replace(
@@ -378,7 +378,7 @@ def test_a_body_that_memory_can_t_hold_is_refused(
 
 def test_an_allocation_that_fails_is_refused_as_well(tmp_path: Path) -> None:
     refused = pytest.raises(
-        SceneError, match=r"take at least 0\.205 MB for 256 particles, which could not be had"
+        SceneError, match=r"take at least 0\.205 MB for 256 particles, which could not be allocated"
     )
     with refused, within(load_scene(scene(tmp_path, "duration: 1 ms"))):
         np.empty(2**55)  # numpy's own MemoryError

@@ -5,6 +5,7 @@ The first two show how little a user must write, and their lines of code are cou
 
 import ast
 import runpy
+import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,6 +31,9 @@ def example(monkeypatch: pytest.MonkeyPatch) -> Example:
     """example(name): the script of that name, imported from its folder as a user's own would be."""
     monkeypatch.syspath_prepend(str(ROOT / "examples"))
     monkeypatch.chdir(ROOT)  # from where some read files of data/
+    monkeypatch.delitem(
+        sys.modules, "swing", raising=False
+    )  # a script of other tests has this name
     return __import__
 
 

@@ -113,7 +113,7 @@ def test_costs_of_what_can_act() -> None:
         rod_scene(field=FIELD, directions=[[1, 0, 0], [1, 0, 0]], density=None, tolerance=1e-9)
     )  # type: ignore[arg-type]
     assert {"magnetic_torque", "magnetic_interaction"} <= still.keys()
-    assert not {"damping", "viscosity"} & still.keys()
+    assert not {"damping", "viscosity", "ground"} & still.keys()
 
 
 def test_the_command(tmp_path: Path, told) -> None:

@@ -19,7 +19,7 @@ from magmpm.studies.evaluate.trajectory import (
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
-from magmpm.studies.rods.rod_path import BRINK, RodPath, search
+from magmpm.studies.rods.rod_path import STABILITY_AT_BRINK, RodPath, search
 from magmpm.studies.rods.rod_trajectory import RodTrajectory, RodTrajectoryDesign
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
@@ -387,7 +387,7 @@ def test_search_judges_on_the_way():
     """The best design's value is that of its rods on the way, and the arc is followed within a hundredth of the length."""
     found = insertion()
     best = search(found.rods, found.path, seed=1, starts=20, wanted=1, enough=0.01 * 30e-3)[0]
-    assert found.rods.least_stability(best) > BRINK
+    assert found.rods.least_stability(best) > STABILITY_AT_BRINK
     squares = [stops[-1].squares for stops in found.rods.stops(best.directions, best.fields)]
     assert np.sqrt(sum(squares)) == pytest.approx(best.value, rel=1e-6)
     assert best.value < 0.01 * 30e-3

@@ -416,7 +416,7 @@ def test_more_variables_than_the_target_can_tell_apart(tmp_path: Path) -> None:
     assert said == report.warnings
     assert len(said) == 1
     assert "10 numbers vary" in said[0]
-    assert "2 points beyond the base tell 6 combinations of them apart" in said[0]
+    assert "2 points beyond the base distinguish only 6 combinations of them" in said[0]
 
 
 def test_a_field_and_directions_share_a_turn_only_if_all_turn(tmp_path: Path) -> None:

@@ -324,7 +324,7 @@ def test_a_full_disk_keeps_the_trials(
     said = str(caught.value)
     for part in (
         f"{file}: No space left on device\n  rule: ",
-        "remedy: free room",
+        "remedy: free disk space",
         f"the finished trials are kept in sqlite:///{tmp_path}",
     ):
         assert part in said
@@ -595,7 +595,7 @@ def struck(database: Path, how: str) -> None:
 STRIKES = {
     "deleted": "deleted while",
     "deleted alone": "deleted while",
-    "log deleted": "robbed of its study.db-wal",
+    "log deleted": "separated from its study.db-wal",
     "replaced": "replaced by another file",
     "truncated": "truncated while",
     "cut in half": "truncated while",

@@ -367,9 +367,7 @@ def test_cells_that_find_no_answer_are_named_and_the_others_kept(tmp_path: Path)
     assert more.beside[0].name == "rod"
 
     alone = climb(scene, failing(3, 5), (2, 3, 5))
-    assert alone.conclusions == [
-        "Nothing can be told of the error: 2 cells across alone were solved."
-    ]
+    assert alone.conclusions == ["The error is not known: only 2 cells across were solved."]
     with pytest.raises(SolveError, match="nothing at 2"):
         climb(scene, failing(2, 3, 5), (2, 3, 5))
 

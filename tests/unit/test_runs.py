@@ -147,7 +147,7 @@ def test_an_error_that_would_take_longer_than_an_hour_is_refused_while_its_first
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """With an hour of a hundredth of a second: two grids would take longer, and only a part of the first one was run."""
-    monkeypatch.setattr(several_grids, "PATIENCE", 1e-2)
+    monkeypatch.setattr(several_grids, "LONGEST_RUN", 1e-2)
     seen: list[float] = []
     scene = moving(error=0.01)
     with pytest.raises(
@@ -218,7 +218,7 @@ def test_where_grids_jump_no_error_is_known() -> None:
     """From jump to jump and as long on either side; of a jump that one grid alone has, all is compared."""
     times = [0.1 * k for k in range(11)]
     one, other = (
-        Frames(times, [np.full((1, 3), x * (t > at)) for t in times], [], [at])
+        Frames(times, [np.full((1, 3), x * (t > at)) for t in times], [None] * 11, [at])
         for x, at in ((1.0, 0.45), (1.0, 0.55))
     )
     (span,) = near_jumps(one, other)

@@ -339,8 +339,8 @@ def test_feed_holds_a_base_that_is_not_clamped_and_says_so() -> None:
         for text in clamped.warnings() + moving_scene(free, {"gravity": {}}).warnings()
     )
     assert [text for text in loose.warnings() if "clamp" in text] == [
-        "body.catheter.clamp: none has no effect here: the guide of feed holds the base and pushes"
-        " it, clamped or not"
+        "body.catheter.clamp: none has no effect here: the guide of feed holds and pushes the base,"
+        " clamped or not"
     ]
     (one,), (two,) = (follow(build(scene), [0.2e-3]) for scene in (clamped, loose))
     assert one.x.tobytes() == two.x.tobytes()

@@ -107,8 +107,8 @@ def test_one_bit_is_noticed(
     assert sum(again.twice.stats.cache_misses.values()) == 1
     assert (
         capsys.readouterr().err
-        == f"magmpm: compiled kernels on disk: {path}: damaged; what belongs there is compiled"
-        " anew\n"
+        == f"magmpm: compiled kernels on disk: {path}: damaged; the kernel is compiled"
+        " again\n"
     )
     assert kept_all()
     third = loaded(tmp_path)

@@ -91,7 +91,12 @@ def test_what_segments_do_to_each_other_follows_the_shape(
     monkeypatch: pytest.MonkeyPatch, single: int, held: int
 ) -> None:
     """A load acts at the shape for which it was computed: of one step at its start, where leapfrog pushes; of two in their middle."""
-    for name, value in {"SINGLE": single, "MOST": held, "CHANGE": 1e9, "ADDED": 1e9}.items():
+    for name, value in {
+        "SINGLE": single,
+        "MOST_STEPS_HELD": held,
+        "MOST_CHANGE_OF_HELD_LOAD": 1e9,
+        "ADDED": 1e9,
+    }.items():
         monkeypatch.setattr(own_loads, name, value)
     model = segments_that_turn()
     moved = begin(model)
@@ -171,7 +176,11 @@ def test_loads_of_a_vibration_are_computed_at_each_step(monkeypatch: pytest.Monk
     held, changed = Spring(monkeypatch, stiffness, dt).swing(own, 200)
     assert abs(changed) < own_loads.ADDED + LEAPFROG
     assert np.mean(held) < 1.5
-    for name, value in {"CHANGE": 1e9, "ADDED": 1e9, "MOST": 8}.items():
+    for name, value in {
+        "MOST_CHANGE_OF_HELD_LOAD": 1e9,
+        "ADDED": 1e9,
+        "MOST_STEPS_HELD": 8,
+    }.items():
         monkeypatch.setattr(own_loads, name, value)
     _, changed = Spring(monkeypatch, stiffness, dt).swing(OwnLoads(None), 200)  # type: ignore[arg-type]
     assert abs(changed) > 1.0

@@ -95,7 +95,7 @@ def test_a_body_let_go_from_a_large_strain_takes_short_steps_and_long_ones_again
     assert moved.control.shortest <= first / 8
     told = moved.control.warnings()
     assert len(told) == 1
-    assert f"to as little as {moved.control.shortest:.3g} s: the body moves too quickly" in told[0]
+    assert f"to as little as {moved.control.shortest:.3g} s: the body moves too fast" in told[0]
     calm = begin(build(moved.motion.model.scene))
     moved.motion.restore(calm.motion.state())
     for k in range(20):
@@ -130,9 +130,9 @@ def test_a_step_of_the_scene_is_kept_or_refused() -> None:
     scene = moved.motion.model.scene
     options = scene.solver.dynamic.model_copy(update={"time_step": moved.control.step})
     moved.control = StepControl(moved.motion, moved.stable, options)
-    remedy = r"remedy: lower solver\.dynamic\.time_step, or leave it out"
+    remedy = r"remedy: lower solver\.dynamic\.time_step, or omit it"
     with pytest.raises(
-        SolveError, match=rf"(changes too much within a step|has become stiffer).*{remedy}"
+        SolveError, match=rf"(changes too much within a step|has stiffened).*{remedy}"
     ):
         interval(moved, 1e-3)
 

@@ -251,5 +251,5 @@ def test_points_that_went_through_an_obstacle_are_told() -> None:
     assert "more than a cell" in str(acting.passed(ground, np.array([inside, [3e-3, 0.0, -3e-3]])))
     beside = [3e-3, 0.0, -20e-3]
     past = [60e-3, 0.0, -20e-3]
-    assert acting.passed(there, np.array([inside, beside])) == "the body has gone through the wall"
+    assert acting.passed(there, np.array([inside, beside])) == "the body passed through the wall"
     assert acting.passed(there, np.array([inside, past])) is None

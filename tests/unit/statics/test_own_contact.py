@@ -200,8 +200,10 @@ def test_what_has_no_answer_is_refused(tmp_path: Path) -> None:
     loose = cubes(tmp_path)
     with pytest.raises(InputError, match="touches no part that is held"):
         run(loose)
-    with pytest.raises(InputError, match="has no equilibria with magnetic_interaction"):
+    with pytest.raises(
+        InputError, match="equilibria with self_contact can't be combined with magnetic_interaction"
+    ):
         bent_strip(self_contact={}, magnetic_interaction={})
     told = bent_strip(self_contact={"friction": 0.3}).warnings()
-    assert any("effects.self_contact: equilibria leave friction out" in text for text in told)
-    assert not any("move as if joined" in text for text in loose.warnings())
+    assert any("effects.self_contact: equilibria ignore friction" in text for text in told)
+    assert not any("stay joined" in text for text in loose.warnings())

@@ -174,7 +174,7 @@ def test_a_full_disk_is_told_with_the_file_and_the_remedy(tmp_path: Path) -> Non
         with pytest.raises(RenderError) as caught:
             renderer.run(plots.convergence, [1e-3, 5e-4], curve, None, "study", [])
         assert str(caught.value).startswith(f"{curve}: File too large\n  rule: ")
-        assert "\n  remedy: free room" in str(caught.value)
+        assert "\n  remedy: free disk space" in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
