@@ -195,6 +195,7 @@ def test_walking_strip(example: Example, tmp_path: Path) -> None:
     assert 0.1 < way[-1] / 4.5e-3 < 1.0
 
 
+@pytest.mark.slow
 def test_walking_on_ice(example: Example, tmp_path: Path) -> None:
     """Without friction nothing pulls on it sideways: its center of mass stays, while it arches as it does when it walks."""
     motion, way = example("walking_strip").main(tmp_path, friction=0.0, cycles=1)

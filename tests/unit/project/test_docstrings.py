@@ -185,8 +185,16 @@ def test_docstrings_name_what_is_taken_and_returned(name: str) -> None:
     assert faults(THINGS[name]) == []
 
 
+LONG = ("Motion", "compare", "error", "sensitivities")  # they compile, and run several times
+
+
 @pytest.mark.parametrize(
-    "name", [name for name in THINGS if ">>>" in (inspect.getdoc(THINGS[name]) or "")]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in LONG else [])
+        for name in THINGS
+        if ">>>" in (inspect.getdoc(THINGS[name]) or "")
+    ],
 )
 def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In a folder with the data that `magmpm examples .` copies."""
