@@ -6,7 +6,7 @@ first; length (n,); D, C, moment (n, 3); field, weight (n + 1, 3), at the frames
 
 import numpy as np
 
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, compiled_elsewhere
 
 MAX_STEPS = 200
 LARGEST_TURN = 0.6  # rad: largest turn of a frame in one Newton step
@@ -290,7 +290,7 @@ def _softest(Ld, Lo, d):
         _scaled(d, 1.0 / np.sqrt(_dot(d, d)), d)
 
 
-@compiled
+@compiled_elsewhere
 def relax(q, length, D, C, moment, field, weight):
     """Newton's method for a minimum of the energy, from q (changed in place).
 
@@ -354,7 +354,7 @@ def relax(q, length, D, C, moment, field, weight):
     return 1, MAX_STEPS, energy, False
 
 
-@compiled
+@compiled_elsewhere
 def frames_of(q, length, C, moment, field, weight):
     """Positions (n + 1, 3) m, frames (n + 1, 3, 3), curvature (n + 1, 3) 1/m and strain (n + 1, 3) of a rod's quaternions."""
     n = len(length)
