@@ -261,7 +261,7 @@ print(*(sum(counts.values()) for one in (relax, frames_of) for counts in (one.st
 
 @pytest.mark.slow
 def test_a_rod_that_is_needed_before_the_run_is_compiled_elsewhere(tmp_path: Path) -> None:
-    """A study looks at rods before it prepares kernels: its trials differed from a later run's in the last bits, where the cache was empty."""
+    """A study looks at rods before it prepares kernels: from an empty cache, its trials differed from a later run's in the last bits."""
     scene = Path(__file__).parents[3] / "data/scenes/five_segments.yaml"
     done = subprocess.run(
         [sys.executable, "-c", ROD, str(scene)],
