@@ -8,6 +8,7 @@ This relies on private names (with an underscore) of numba.core.caching and code
 
 import gc
 import hashlib
+import inspect
 import pickle
 import sys
 from collections.abc import Callable, Sequence
@@ -20,6 +21,7 @@ import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 
+from magmpm.compiled.environment import PACKAGE, cache_folder, source_hash
 from magmpm.compiled.process import started
 
 _DIGEST = 32  # bytes
@@ -119,9 +121,15 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        plain = self._cache_file
+        stamp = [source_hash(), self._cache_file._source_stamp]
+        source = Path(inspect.getfile(function)).resolve()
+        if source.is_relative_to(PACKAGE):
+            # Time and place of the package's own files differ in every clone; their hash does not.
+            self._cache_path = str(cache_folder() / source.relative_to(PACKAGE).with_suffix(""))
+            self._impl.locator.get_cache_path = lambda: self._cache_path
+            stamp.pop()
         self._cache_file = _SealedFiles(
-            self._cache_path, f"{self._impl.filename_base}.sealed", plain._source_stamp
+            self._cache_path, f"{self._impl.filename_base}.sealed", stamp
         )
 
     def save_overload(self, sig: Any, data: Any) -> None:

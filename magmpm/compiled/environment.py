@@ -10,6 +10,7 @@ import shutil
 import stat
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
@@ -30,20 +31,20 @@ LAYERS = (
 )  # names that Numba accepts
 
 
-def compiled_sources() -> list[Path]:
+def compiled_sources(package: Path = PACKAGE) -> list[Path]:
     """Files of the package from which kernels are made: an edit of any other one leaves them as they are.
 
     A kernel is made of compiled functions, of the records that it is called with, and of the constants that these name. So: all of
     magmpm.compiled; files that import anything of it but annotations, or Numba, or define a record (NamedTuple); and files from which
     those import a constant, or a function that they call for a constant of their own.
     """
-    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
+    texts = {path: path.read_text(encoding="utf-8") for path in package.rglob("*.py")}
     found = {
         path for path, text in texts.items() if path.parent.name == "compiled" or _compiles(text)
     }
     new = sorted(found)
     while new:
-        behind = {path for source in new for path in _behind_constants(texts[source])}
+        behind = {path for source in new for path in _behind_constants(texts[source], package)}
         new = sorted((behind & texts.keys()) - found)
         found.update(new)
     return sorted(found)
@@ -59,29 +60,30 @@ def _compiles(text: str) -> bool:
     )
 
 
-def _behind_constants(text: str) -> set[Path]:
+def _behind_constants(text: str, package: Path) -> set[Path]:
     """Files from which a file's text imports a constant, or a name that stands in an assignment of its module."""
     assigned = "\n".join(ASSIGNMENT.findall(text))
     found = set()
     for module, listed in FROM_IMPORT.findall(text):
         names = re.findall(r"\w+", re.sub("#.*", "", listed))
         if any(name.isupper() or re.search(rf"\b{name}\b", assigned) for name in names):
-            path = PACKAGE.parent / module.replace(".", "/")
+            path = package.parent / module.replace(".", "/")
             found |= {path.with_suffix(".py"), path / "__init__.py"}
             found |= {path / f"{name}.py" for name in names}
     return found
 
 
-def source_hash() -> str:
-    """Hash (16 hex digits) of the files that kernels are made from, names and content."""
+@cache
+def source_hash(package: Path = PACKAGE) -> str:
+    """Hash (16 hex digits) of the files that kernels are made from, names and content, as this process found them first."""
     digest = hashlib.sha256()
-    for path in compiled_sources():
-        digest.update(str(path.relative_to(PACKAGE)).encode())
+    for path in compiled_sources(package):
+        digest.update(str(path.relative_to(package)).encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def _cache_folder() -> Path:
+def _folder_to_use() -> Path:
     """Folder for kernels compiled from these sources. It is in the system's temporary folder if the user's cache can't be written."""
     name = f"numba-{source_hash()}"
     try:
@@ -117,6 +119,11 @@ def _cache_folder() -> Path:
     return folder
 
 
+def cache_folder() -> Path:
+    """Folder for compiled kernels that this process uses."""
+    return Path(os.environ["NUMBA_CACHE_DIR"])
+
+
 def _user() -> int:
     """Number of this user; 0 on Windows, where files and users have none."""
     return os.getuid() if hasattr(os, "getuid") else 0
@@ -135,8 +142,8 @@ def refuse_shared(folder: Path) -> None:
 
 def prepare() -> None:
     """Set Numba's cache folder and the waiting policy of threads, unless the user has set them."""
-    if "NUMBA_CACHE_DIR" not in os.environ:
-        os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
+    if not os.environ.get("NUMBA_CACHE_DIR"):
+        os.environ["NUMBA_CACHE_DIR"] = str(_folder_to_use())
         if "numba" in sys.modules:  # it has already read the environment
             sys.modules["numba"].config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
     os.environ.setdefault(

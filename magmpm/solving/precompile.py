@@ -29,7 +29,7 @@ from filelock import lock_descriptor
 from numpy.typing import NDArray
 
 from magmpm.compiled.cache import compile_here, kept_all
-from magmpm.compiled.environment import compiled_sources
+from magmpm.compiled.environment import cache_folder, source_hash
 from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
 from magmpm.effects.calls import (
@@ -132,7 +132,7 @@ def _functions(scene: Scene, uses: Sequence[str]) -> list[Function]:
 def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLVE,)) -> bool:
     """Fill the disk cache with a scene's kernels for these uses. Returns whether any had to be compiled, of which `tell` gets lines."""
     needed = _needed(scene, uses)
-    marker = {kinds: _cache() / f"ready-{_stamp(kinds)}" for kinds in needed}
+    marker = {kinds: cache_folder() / f"ready-{_stamp(kinds)}" for kinds in needed}
     if all(path.exists() for path in marker.values()):
         return False
     with ExitStack() as alone:
@@ -148,8 +148,8 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
         begun = time.perf_counter()
         if not _has_room():
             tell(
-                f"no room in {_cache()} for compiled kernels: this run compiles its own, up to a"
-                f" minute; free {ROOM / 1e6:.0f} MB there"
+                f"no room in {cache_folder()} for compiled kernels: this run compiles its own, up to"
+                f" a minute; free {ROOM / 1e6:.0f} MB there"
             )
             return True
         jobs = [needed[kinds] for kinds in missing]
@@ -168,7 +168,7 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
 def _has_room() -> bool:
     """True if the cache's disk has room for the kernels of a scene."""
     try:
-        return shutil.disk_usage(_cache()).free > ROOM
+        return shutil.disk_usage(cache_folder()).free > ROOM
     except OSError:
         return True  # the write itself will tell
 
@@ -198,24 +198,16 @@ def _solver(scene: Scene) -> str | bool:
     return scene.solver.dynamic is not None and "motion"
 
 
-def _cache() -> Path:
-    return Path(os.environ["NUMBA_CACHE_DIR"])
-
-
 def _stamp(kinds: str) -> str:
-    """Names a set of kernels as Numba's disk cache distinguishes them: two of these are the same only if none needs compiling again.
-
-    Place and times of the sources are among them: another clone of the same sources has to compile them again.
-    """
+    """Names a set of kernels as magmpm.compiled.cache distinguishes them: two of these are the same only if none needs compiling again."""
     host = [llvmlite.binding.get_host_cpu_name(), str(llvmlite.binding.get_host_cpu_features())]
-    times = [f"{path} {path.stat().st_mtime_ns}" for path in compiled_sources()]
     known = [
         kinds,
         sys.version,
         numba.__version__,
         llvmlite.__version__,
         *host,
-        *times,
+        source_hash(),
     ]
     return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
 

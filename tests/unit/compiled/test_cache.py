@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -116,6 +117,34 @@ def test_one_bit_is_noticed(
     assert sum(third.twice.stats.cache_hits.values()) == 1
 
 
+COPIED = """
+import magmpm
+from magmpm.compiled.parallel import parts_of
+assert parts_of(129) == 2
+print(magmpm.__path__[0], sum(parts_of.stats.cache_hits.values()))
+"""
+
+
+def test_another_copy_of_the_package_takes_the_same_files(tmp_path: Path) -> None:
+    """Wherever it is, and whenever its files were written: a clone, an installation, a container."""
+    space = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    hits = []
+    for place in ("one", "two"):
+        shutil.copytree(
+            environment.PACKAGE,
+            tmp_path / place / "magmpm",
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )
+        for path in (tmp_path / place).rglob("*.py"):
+            os.utime(path, None)
+        said = subprocess.check_output(
+            [sys.executable, "-c", COPIED], cwd=tmp_path / place, env=space, text=True
+        )
+        hits.append(said.split())
+    one, two = (str(tmp_path / place / "magmpm") for place in ("one", "two"))
+    assert hits == [[one, "0"], [two, "1"]]
+
+
 def no_room(*_: Any, **__: Any) -> Any:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -142,7 +171,7 @@ def test_neither_cache_nor_temporary_folder(
 ) -> None:
     """magmpm can still be imported."""
     monkeypatch.setattr(Path, "mkdir", no_room)
-    environment._cache_folder()
+    environment._folder_to_use()
     assert "every run compiles them again" in capsys.readouterr().err
 
 
