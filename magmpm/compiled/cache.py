@@ -122,10 +122,10 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         stamp = [source_hash(), self._cache_file._source_stamp]
-        source = Path(inspect.getfile(function)).resolve()
-        if source.is_relative_to(PACKAGE):
+        place = Path(inspect.getfile(function)).parent
+        if place.is_relative_to(PACKAGE):
             # Time and place of the package's own files differ in every clone; their hash does not.
-            self._cache_path = str(cache_folder() / source.relative_to(PACKAGE).with_suffix(""))
+            self._cache_path = cache_folder() / place.relative_to(PACKAGE)
             self._impl.locator.get_cache_path = lambda: self._cache_path
             stamp.pop()
         self._cache_file = _SealedFiles(

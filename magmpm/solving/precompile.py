@@ -148,8 +148,8 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
         begun = time.perf_counter()
         if not _has_room():
             tell(
-                f"no room in {cache_folder()} for compiled kernels: this run compiles its own, up to"
-                f" a minute; free {ROOM / 1e6:.0f} MB there"
+                f"no room in {cache_folder()} for compiled kernels: this run compiles its own, up"
+                f" to a minute; free {ROOM / 1e6:.0f} MB there"
             )
             return True
         jobs = [needed[kinds] for kinds in missing]
@@ -200,13 +200,13 @@ def _solver(scene: Scene) -> str | bool:
 
 def _stamp(kinds: str) -> str:
     """Names a set of kernels as magmpm.compiled.cache distinguishes them: two of these are the same only if none needs compiling again."""
-    host = [llvmlite.binding.get_host_cpu_name(), str(llvmlite.binding.get_host_cpu_features())]
     known = [
         kinds,
         sys.version,
         numba.__version__,
         llvmlite.__version__,
-        *host,
+        llvmlite.binding.get_host_cpu_name(),
+        str(llvmlite.binding.get_host_cpu_features()),
         source_hash(),
     ]
     return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
@@ -264,7 +264,7 @@ def _compiled_elsewhere(small: Scene, jobs: Sequence[str | Function], tell: Tell
     uses = [use for use in jobs if isinstance(use, str)]
     todo: list[str | Function] = [part for use in uses for part in parts_of(small, use)]
     todo += [function for function in jobs if not isinstance(function, str)]
-    with started(max(1, min(len(todo), os.cpu_count() or 1)), _begin, small.to_si()) as processes:
+    with started(min(len(todo), os.cpu_count() or 1), _begin, small.to_si()) as processes:
         for done, (_, _, kept) in enumerate(answers(iter(todo), processes), start=1):
             if kept is not True:  # a full disk, say: the rest would not be kept either
                 return False
