@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.cli.answers import print_summary
+from magmpm.compiled.environment import cache_folder
 from magmpm.errors import installed
 
 OK = "ok"
@@ -317,7 +318,7 @@ def _allowed_by_cgroup() -> float | None:
 
 def _room() -> Iterator[Check]:
     """The folder of compiled kernels: whether it takes files, how large it is, whether it is warm; and room for results."""
-    folder = Path(os.environ["NUMBA_CACHE_DIR"])  # set by `import magmpm`
+    folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder):
