@@ -29,7 +29,6 @@ from magmpm.studies.search.samplers.optuna_ids import storage_of, study_id, tria
 if TYPE_CHECKING:
     import optuna
     from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
-    from optuna.study._frozen import FrozenStudy
 
 # by the name in SI: the name that is shown, and the factor
 SHOWN = {
@@ -150,7 +149,7 @@ class DashboardView(_Passing):  # type: ignore[misc]
         """Attributes of a study, with the names of its values as they are shown."""
         return _renamed(self.storage.get_study_system_attrs(study_id))
 
-    def get_all_studies(self) -> list[FrozenStudy]:
+    def get_all_studies(self) -> list[Any]:
         """All studies."""
         found = []
         for study in self.storage.get_all_studies():
