@@ -15,9 +15,15 @@ HERE = Path(__file__).resolve().parent
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLERS = ROOT / "studies/search/samplers"
 INSIDE = "magmpm.studies.search.samplers."
-MODULES = {"gauss_newton": "_sampler", "gauss_newton_steps": "_steps", "optuna_ids": "_optuna_ids"}
+MODULES = {
+    "blocks": "_blocks",
+    "gauss_newton": "_sampler",
+    "gauss_newton_steps": "_steps",
+    "optuna_ids": "_optuna_ids",
+}
 ALLOWED = {
     "__future__",
+    "abc",
     "collections",
     "dataclasses",
     "math",

@@ -25,7 +25,6 @@ from magmpm.studies.engine.report import best_trial
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_designs import rod_designs
 from magmpm.studies.search.parameters import Block, FieldVector, SegmentDirection, VariedNumber
-from magmpm.studies.search.samplers.choice import gauss_newton_blocks
 from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, RADIUS, model_of, start_of
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -71,7 +70,7 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
     ):
         return []
     residuals, jacobian = model_of(best)
-    coordinates = gauss_newton_blocks(space)
+    coordinates = space.coordinates
     x = space.embedded(best.params)
     rms = float(np.linalg.norm(residuals))
     step = coordinates.step(x, residuals, jacobian, RADIUS / 4)
@@ -103,20 +102,21 @@ def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
     if isinstance(block, FieldVector):
         strength = float(np.linalg.norm(x))
         gain = -float(slope @ x) / max(strength, 1e-300)  # m/T
-        if strength < AT_BOUND * block.max or gain <= 0.0:
+        if strength < AT_BOUND * block.radius or gain <= 0.0:
             return None
         says = (
-            f"{block.names[0]} is at its bound, {1e3 * block.max:g} mT: to first order, each mT"
+            f"{block.strength} is at its bound, {block.most:g} mT: to first order, each mT"
             " more would lower the rms "
             f"by {gain:.3g} mm"  # m/T is mm/mT
         )
-        return {"what": "field", "says": says, "bound_T": block.max, "rms_per_T": -gain}
+        return {"what": "field", "says": says, "bound_T": block.radius, "rms_per_T": -gain}
     if isinstance(block, VariedNumber):
         at_end = (x[0] > AT_BOUND and slope[0] < 0.0) or (x[0] < 1.0 - AT_BOUND and slope[0] > 0.0)
         if not at_end:
             return None
-        bound = block.high if x[0] > 0.5 else block.low
-        per_unit = abs(float(slope[0])) / (block.high - block.low)
+        low, high = block.ends
+        bound = high if x[0] > 0.5 else low
+        per_unit = abs(float(slope[0]) / block.slope(x))
         says = (
             f"{block.name} is at its {'upper' if x[0] > 0.5 else 'lower'} bound,"
             f" {block.unit * bound:g}: to first order, going 1 beyond it would lower the rms by"
@@ -261,15 +261,15 @@ def _weak(space: SearchSpace, tangent: Array, basis: Array) -> list[Finding]:
     if space.limits is not None and space.limits.allowed is not None:
         return []
     found = []
-    for block, at in space.those(SegmentDirection):
+    for name, (_, at) in zip(space.segment_names(), space.those(SegmentDirection), strict=True):
         columns = np.flatnonzero(np.any(basis[at] != 0.0, axis=0))
         moves = float(np.linalg.norm(tangent[:, columns], 2))
         if moves < 1e-3 * space.scene.length:
             says = (
-                f"turning {block.name} by a radian moves the shape by {1e3 * moves:.2g} mm (rms) at"
+                f"turning {name} by a radian moves the shape by {1e3 * moves:.2g} mm (rms) at"
                 " most: it has no effect here"
             )
-            found.append({"what": block.name, "says": says, "m_per_rad": moves})
+            found.append({"what": name, "says": says, "m_per_rad": moves})
     return found
 
 

@@ -147,21 +147,28 @@ class FreeDirection(Settings):
         return self
 
 
-class VaryNumber(Settings):
-    """A number of the scene, or several that share one value: bounds, choices, or a direction."""
+class VaryWithin(Settings):
+    """A number of the scene within bounds, or several that share one value."""
 
     of: str | tuple[str, ...] = Field(
         description=(
             "Its address: the keys of the scene's file, dots between them, [i] or [*] for lists; or"
             " a list of them."
         ),
-        examples=["field.uniform[2]"],
+        examples=["effects.gravity.acceleration[0]"],
     )
-    min: Any = Field(default=None, description="Least value, with its unit.", examples=["2 Hz"])
-    max: Any = Field(default=None, description="Greatest value, with its unit.", examples=["20 Hz"])
+    min: Any = Field(description="Least value, with its unit.", examples=["0 m/s^2"])
+    max: Any = Field(description="Greatest value, with its unit.", examples=["5 m/s^2"])
     log: bool = Field(
         default=False, description="Whether factors count in place of differences.", examples=[True]
     )
+
+
+class VaryNumber(VaryWithin):
+    """A number of the scene, or several that share one value: bounds, choices, or a direction."""
+
+    min: Any = Field(default=None, description="Least value, with its unit.", examples=["2 Hz"])
+    max: Any = Field(default=None, description="Greatest value, with its unit.", examples=["20 Hz"])
     choices: tuple[Any, ...] | None = Field(
         default=None,
         min_length=2,
@@ -209,17 +216,6 @@ class VaryNumber(Settings):
                 "write, say, `{of: field.uniform[2], min: 2 mT, max: 8 mT}`",
             )
         return self
-
-
-class VaryWithin(Settings):
-    """A number of the scene within bounds, or several that share one value."""
-
-    of: str | tuple[str, ...] = Field(
-        description="Its address, or a list of addresses.",
-        examples=["effects.gravity.acceleration[0]"],
-    )
-    min: Any = Field(description="Least value, with its unit.", examples=["0 m/s^2"])
-    max: Any = Field(description="Greatest value, with its unit.", examples=["5 m/s^2"])
 
 
 class Vary(Settings):

@@ -17,12 +17,11 @@ from magmpm.inputs.vectors import angles_of, from_angles
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.studies.problem.variables import FreeDirection, VaryNumber
-from magmpm.studies.search.samplers import gauss_newton_steps as gn
+from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, Number
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
-    from magmpm.studies.search.samplers.gauss_newton_steps import Block
 
 Values = Mapping[str, Any]
 
@@ -156,7 +155,7 @@ class Bounded(Knob):
         return {self.name: FloatDistribution(self.low, self.high, log=self.log)}
 
     def blocks(self) -> list[Block]:
-        return [] if self.whole else [gn.Number(self.name, self.low, self.high, self.log)]
+        return [] if self.whole else [Number(self.name, self.low, self.high, self.log)]
 
     def at(self, params: Values) -> dict[Place, Any]:
         value = int(params[self.name]) if self.whole else float(params[self.name])
@@ -306,13 +305,13 @@ class Turning(Knob):
         names = self._names()
         if self.across is None and self.longest is not None:
             azimuth, elevation = names
-            return [gn.Ball(self._length, azimuth, elevation, self.longest, 1.0 / self.longest)]
+            return [Ball(self._length, azimuth, elevation, self.longest, 1.0 / self.longest)]
         if self.across is None:
-            return [gn.Direction(*names)]
+            return [Direction(*names)]
         ends = dict.fromkeys(names, (self.middle - self.turn, self.middle + self.turn))
         if self.longest is not None:
             ends[self._length] = (0.0, self.longest)
-        return [gn.Number(name, *pair) for name, pair in ends.items()]
+        return [Number(name, *pair) for name, pair in ends.items()]
 
     def at(self, params: Values) -> dict[Place, Any]:
         angles = [math.radians(params[name]) for name in self._names()]

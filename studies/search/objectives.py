@@ -69,10 +69,10 @@ def worst(name: str, space: SearchSpace) -> float:
         The bound.
     """
     if name == "largest_field":
-        return max(block.max for block, _ in space.those(FieldVector))
+        return max(block.radius for block, _ in space.those(FieldVector))
     shape = space.scene.body.shape
     assert isinstance(shape, StraightBody)
-    highest = {number.what: number.high for number in space.numbers_within}
+    highest = {number.what: number.ends[1] for number in space.numbers_within}
     thickest = highest.get("diameter", shape.thickness) / shape.thickness
     return (
         _area(shape)

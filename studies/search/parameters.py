@@ -11,70 +11,21 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.vectors import from_angles
 from magmpm.scene.addresses import Place, written
+from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, Number
+
+if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
 
 Parameters = Mapping[str, Any]
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 FIELD = ("field_mT", "field_azimuth_deg", "field_elevation_deg")
-
-
-def direction(around: float, along: float) -> Array:
-    """Make a unit vector of two angles, in the undeformed body with the axis +x.
-
-    Parameters
-    ----------
-    around : float, degrees
-        Angle about the axis.
-    along : float, degrees
-        Angle toward the axis.
-
-    Returns
-    -------
-    array (3,), no unit
-        The vector.
-    """
-    y, z, x = from_angles(math.radians(around), math.radians(along))
-    return np.array([x, y, z])
-
-
-def angles(vector: Array) -> tuple[float, float]:
-    """Find the two angles of a direction: the inverse of `direction`.
-
-    Parameters
-    ----------
-    vector : array (3,)
-        Of any length.
-
-    Returns
-    -------
-    tuple of float, degrees
-        Around and along.
-    """
-    return azimuth_of(np.roll(vector / np.linalg.norm(vector), -1))
-
-
-def azimuth_of(vector: Array) -> tuple[float, float]:
-    """Find azimuth and elevation of a vector.
-
-    Parameters
-    ----------
-    vector : array (3,)
-        Of any length.
-
-    Returns
-    -------
-    tuple of float, degrees
-        Azimuth and elevation.
-    """
-    x, y, z = vector
-    return float(np.rad2deg(np.arctan2(y, x))), float(np.rad2deg(np.arctan2(z, np.hypot(x, y))))
 
 
 def unit(vectors: Array) -> Array:
@@ -130,238 +81,54 @@ def corner_of(seed: int, corner: int) -> Array:
 
 
 @dataclass(frozen=True)
-class SegmentDirection:
-    """The direction of a segment's magnetization; its embedded coordinates are a unit vector (3,).
+class SegmentDirection(Direction):
+    """The direction of a segment's magnetization, in the undeformed body.
 
     Attributes
     ----------
-    name : str
-        Names the parameters.
     segment : int
-        Number of the segment in the scene, from 0.
+        Index of the segment, base to tip.
     """
 
-    name: str
-    segment: int
-    size = 3
-
-    def bounds(self) -> dict[str, tuple[float, float]]:
-        """Find the bounds of the parameters.
-
-        Returns
-        -------
-        dict[str, tuple[float, float]]
-            Least and greatest value by name, in degrees.
-        """
-        return {f"{self.name}_around_deg": (-180.0, 180.0), f"{self.name}_along_deg": (-90.0, 90.0)}
-
-    def read(self, parameters: Parameters) -> Array:
-        """Find the embedded coordinates of a design.
-
-        Parameters
-        ----------
-        parameters : Parameters
-            The design.
-
-        Returns
-        -------
-        array (3,), no unit
-            The unit vector.
-        """
-        return direction(
-            parameters[f"{self.name}_around_deg"], parameters[f"{self.name}_along_deg"]
-        )
-
-    def written(self, x: Array) -> dict[str, float]:
-        """Find the parameters of embedded coordinates.
-
-        Parameters
-        ----------
-        x : array (3,), no unit
-            A unit vector.
-
-        Returns
-        -------
-        dict[str, float]
-            Parameters by name.
-        """
-        around, along = angles(x)
-        return {f"{self.name}_around_deg": around, f"{self.name}_along_deg": along}
-
-    def nearest(self, x: Array) -> Array:
-        """Find the unit vector nearest to a vector; +x for zeros.
-
-        Parameters
-        ----------
-        x : array (3,)
-            Any vector.
-
-        Returns
-        -------
-        array (3,), no unit
-            The unit vector.
-        """
-        length = float(np.linalg.norm(x))
-        return np.array(x) / length if length > 0 else np.array([1.0, 0.0, 0.0])
-
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Draw a unit vector, uniform on the sphere.
-
-        Parameters
-        ----------
-        rng : np.random.Generator
-            The generator.
-
-        Returns
-        -------
-        array (3,), no unit
-            The unit vector.
-        """
-        return self.nearest(rng.normal(size=3))
+    segment: int = 0
 
 
 @dataclass(frozen=True)
-class FieldVector:
-    """A uniform field; its embedded coordinates are the vector (3,) T, in a ball.
+class FieldVector(Ball):
+    """A uniform field; its coordinates are the vector in T, its strength is in mT.
 
     Attributes
     ----------
-    names : tuple of str
-        Of its parameters: strength (mT), azimuth and elevation (degrees).
-    max : float, T
-        Greatest strength, the radius of the ball.
     number : int
-        Which of the study's fields it is, from 0.
+        Index of the field.
     """
 
-    names: tuple[str, ...]
-    max: float
     number: int = 0
-    size = 3
-
-    def bounds(self) -> dict[str, tuple[float, float]]:
-        """Find the bounds of the parameters.
-
-        Returns
-        -------
-        dict[str, tuple[float, float]]
-            Least and greatest value by name, in mT and degrees.
-        """
-        return dict(
-            zip(self.names, ((0.0, 1e3 * self.max), (-180.0, 180.0), (-90.0, 90.0)), strict=True)
-        )
-
-    def read(self, parameters: Parameters) -> Array:
-        """Find the embedded coordinates of a design.
-
-        Parameters
-        ----------
-        parameters : Parameters
-            The design.
-
-        Returns
-        -------
-        array (3,), T
-            The field.
-        """
-        return np.asarray(1e-3 * parameters[self.names[0]] * self.direction(parameters))
-
-    def direction(self, parameters: Parameters) -> Array:
-        """Find the direction of the field.
-
-        Parameters
-        ----------
-        parameters : Parameters
-            The design.
-
-        Returns
-        -------
-        array (3,), no unit
-            The unit vector.
-        """
-        return np.array(from_angles(*(math.radians(parameters[name]) for name in self.names[1:])))
-
-    def written(self, x: Array) -> dict[str, float]:
-        """Find the parameters of embedded coordinates.
-
-        Parameters
-        ----------
-        x : array (3,), T
-            The field.
-
-        Returns
-        -------
-        dict[str, float]
-            Parameters by name.
-        """
-        strength = min(1e3 * float(np.linalg.norm(x)), 1e3 * self.max)
-        return dict(zip(self.names, (strength, *azimuth_of(x)), strict=True))
-
-    def nearest(self, x: Array) -> Array:
-        """Find the vector of the ball that is nearest to a vector.
-
-        Parameters
-        ----------
-        x : array (3,), T
-            Any field.
-
-        Returns
-        -------
-        array (3,), T
-            The allowed one.
-        """
-        return np.array(x) * min(1.0, self.max / max(float(np.linalg.norm(x)), 1e-300))
-
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Draw a field: direction and strength are each uniform.
-
-        Parameters
-        ----------
-        rng : np.random.Generator
-            The generator.
-
-        Returns
-        -------
-        array (3,), T
-            The field.
-        """
-        vector = rng.normal(size=3)
-        return np.asarray(self.max * rng.random() / np.linalg.norm(vector) * vector)
 
 
 @dataclass(frozen=True)
-class VariedNumber:
-    """A quantity between two bounds; its embedded coordinate (1,) is its place between them, 0 to 1.
+class VariedNumber(Number):
+    """A quantity between two bounds.
 
     Attributes
     ----------
-    name : str
-        Of its parameter, which is in the unit that the name ends with.
     what : str
-        length, diameter, remanence or shear_modulus; or "number", of one that has an address.
-    low : float, SI
-        Least value.
-    high : float, SI
-        Greatest value.
+        "length", "diameter", "remanence" or "shear_modulus"; "number" for one by its address.
     unit : float
-        How many of the parameter's unit are an SI unit.
+        Units of the parameter in one of SI.
     place : Place
-        Where the scene has it.
-    segment : int or None
-        The segment whose number it is, from 0, or None.
+        Where the quantity stands in the scene's data.
+    segment : int, optional
+        Index of the segment that it belongs to.
     shared : tuple of Place
-        Further places that have the same value.
+        Other places that have the same value.
     """
 
-    name: str
-    what: str
-    low: float
-    high: float
-    unit: float
+    what: str = "number"
+    unit: float = 1.0
     place: Place = ()
     segment: int | None = None
     shared: tuple[Place, ...] = ()
-    size = 1
 
     @property
     def kinds(self) -> list[str]:
@@ -370,181 +137,85 @@ class VariedNumber:
             return [self.what]
         return [written(place) for place in (self.place, *self.shared)]
 
-    def bounds(self) -> dict[str, tuple[float, float]]:
-        """Find the bounds of the parameter.
-
-        Returns
-        -------
-        dict[str, tuple[float, float]]
-            Least and greatest value by name.
-        """
-        return {self.name: (self.unit * self.low, self.unit * self.high)}
-
-    def read(self, parameters: Parameters) -> Array:
-        """Find the embedded coordinate of a design.
-
-        Parameters
-        ----------
-        parameters : Parameters
-            The design.
-
-        Returns
-        -------
-        array (1,), no unit
-            The place between the bounds.
-        """
-        return np.array([(parameters[self.name] / self.unit - self.low) / (self.high - self.low)])
-
-    def written(self, x: Array) -> dict[str, float]:
-        """Find the parameter of an embedded coordinate.
-
-        Parameters
-        ----------
-        x : array (1,), no unit
-            The place between the bounds.
-
-        Returns
-        -------
-        dict[str, float]
-            The parameter by name.
-        """
-        low, high = self.bounds()[self.name]
-        return {self.name: min(max(self.unit * self.value(x), low), high)}
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Least and greatest value, SI."""
+        return self.low / self.unit, self.high / self.unit
 
     def value(self, x: Array) -> float:
-        """Find the quantity of an embedded coordinate.
+        """Find the quantity of a coordinate.
 
         Parameters
         ----------
-        x : array (1,), no unit
-            The place between the bounds.
+        x : array (1,)
+            The coordinate; it may be beyond the bounds.
 
         Returns
         -------
         float, SI
             The quantity.
         """
-        return self.low + float(x[0]) * (self.high - self.low)
+        low, high = self.ends
+        if self.log:
+            return float(low * (high / low) ** float(x[0]))
+        return low + float(x[0]) * (high - low)
 
-    def nearest(self, x: Array) -> Array:
-        """Bring an embedded coordinate between the bounds.
-
-        Parameters
-        ----------
-        x : array (1,), no unit
-            Any number.
-
-        Returns
-        -------
-        array (1,), no unit
-            From 0 to 1.
-        """
-        return np.clip(x, 0.0, 1.0)
-
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Draw an embedded coordinate, uniform between the bounds.
+    def slope(self, x: Array) -> float:
+        """Find the derivative of the quantity by its coordinate.
 
         Parameters
         ----------
-        rng : np.random.Generator
-            The generator.
+        x : array (1,)
+            The coordinate.
 
         Returns
         -------
-        array (1,), no unit
-            From 0 to 1.
+        float, SI
+            The derivative.
         """
-        return rng.random(1)
+        low, high = self.ends
+        return self.value(x) * math.log(high / low) if self.log else high - low
 
 
 @dataclass(frozen=True)
-class SegmentOrder:
-    """One of several orders of magnetized (M) and plain (P) segments, base to tip. It has no embedded coordinates.
+class SegmentOrder(Block):
+    """One of several orders of magnetized (M) and plain (P) segments, base to tip. It has no coordinates.
 
     Attributes
     ----------
     name : str
-        Of its parameter.
+        Of the parameter.
     choices : tuple of str
-        The orders.
+        The orders, each as text like "MMP".
     """
 
     name: str
     choices: tuple[str, ...]
     size = 0
+    freedom = 0
 
     def bounds(self) -> dict[str, tuple[float, float]]:
-        """Find the bounds of its numbers: it has none.
-
-        Returns
-        -------
-        dict[str, tuple[float, float]]
-            An empty dict.
-        """
         return {}
 
-    def read(self, parameters: Parameters) -> Array:
-        """Find its embedded coordinates: it has none.
+    def distributions(self) -> dict[str, BaseDistribution]:
+        from optuna.distributions import CategoricalDistribution
 
-        Parameters
-        ----------
-        parameters : Parameters
-            The design.
+        return {self.name: CategoricalDistribution(self.choices)}
 
-        Returns
-        -------
-        array (0,)
-            Nothing.
-        """
+    def read(self, params: Parameters) -> Array:
         return np.zeros(0)
 
-    def written(self, x: Array) -> dict[str, float]:
-        """Find the parameters of its embedded coordinates: there are none.
-
-        Parameters
-        ----------
-        x : array (0,)
-            Nothing.
-
-        Returns
-        -------
-        dict[str, float]
-            An empty dict.
-        """
+    def write(self, x: Array) -> dict[str, float]:
         return {}
 
     def nearest(self, x: Array) -> Array:
-        """Find the nearest embedded coordinates: there are none.
-
-        Parameters
-        ----------
-        x : array (0,)
-            Nothing.
-
-        Returns
-        -------
-        array (0,)
-            Nothing.
-        """
         return x
 
     def drawn(self, rng: np.random.Generator) -> Array:
-        """Draw embedded coordinates: there are none.
-
-        Parameters
-        ----------
-        rng : np.random.Generator
-            The generator.
-
-        Returns
-        -------
-        array (0,)
-            Nothing.
-        """
         return np.zeros(0)
 
-
-Block = SegmentDirection | FieldVector | VariedNumber | SegmentOrder
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        return np.zeros((0, 0)), np.zeros(0), np.zeros(0)
 
 
 @dataclass(frozen=True)

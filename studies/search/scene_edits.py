@@ -66,6 +66,42 @@ def segment_names(scene: Scene) -> list[str]:
     return [f"segment_{i + 1:0{len(str(count))}d}" for i in range(count)]
 
 
+def within(
+    name: str,
+    what: str,
+    ends: tuple[float, float],
+    unit: float,
+    place: Place,
+    segment: int | None = None,
+) -> VariedNumber:
+    """Make a quantity between bounds.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+    what : str
+        As of VariedNumber.
+    ends : tuple of float, SI
+        Least and greatest value.
+    unit : float
+        Units of the parameter in one of SI.
+    place : Place
+        Where the quantity stands in the scene's data.
+    segment : int, optional
+        Index of the segment that it belongs to.
+
+    Returns
+    -------
+    VariedNumber
+        The quantity.
+    """
+    low, high = ends
+    return VariedNumber(
+        name, unit * low, unit * high, what=what, unit=unit, place=place, segment=segment
+    )
+
+
 def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
     """Find the numbers within bounds that a study varies: lengths, diameter, remanence, stiffness.
 
@@ -85,30 +121,33 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
     regions = scene.regions()
     names = segment_names(scene)
     if vary.length is not None:
-        ends = (vary.length.min, vary.length.max, 1e3)
+        ends = (vary.length.min, vary.length.max)
         found += [
-            VariedNumber(f"{name}_length_mm", "length", *ends, ("body", *region.at, "length"), i)
+            within(
+                f"{name}_length_mm", "length", ends, 1e3, ("body", *region.at, "length"), segment=i
+            )
             for i, (name, region) in enumerate(zip(names, regions, strict=True))
         ]
     if vary.diameter is not None:
-        ends = (vary.diameter.min, vary.diameter.max, 1e3)
+        ends = (vary.diameter.min, vary.diameter.max)
         place = ("body", scene.body.kind, "diameter")
-        found.append(VariedNumber("diameter_mm", "diameter", *ends, place))
+        found.append(within("diameter_mm", "diameter", ends, 1e3, place))
     for what, given, of, factor, unit in (
         ("remanence", vary.remanence, scene.magnetized_regions(), 1e3, "mT"),
         ("shear_modulus", vary.shear_modulus, range(len(regions)), 1e-3, "kPa"),
     ):
         if given is None:
             continue
-        ends = (given.min, given.max, factor)
+        ends = (given.min, given.max)
         if given.per == "segment":
             for i in of:
                 place = ("materials", _own(regions[i].material_name, i), what)
-                found.append(VariedNumber(f"{names[i]}_{what}_{unit}", what, *ends, place, i))
+                label = f"{names[i]}_{what}_{unit}"
+                found.append(within(label, what, ends, factor, place, segment=i))
         else:
             for name in dict.fromkeys(regions[i].material_name for i in of):
                 place = ("materials", name, what)
-                found.append(VariedNumber(f"{what}_of_{name}_{unit}", what, *ends, place))
+                found.append(within(f"{what}_of_{name}_{unit}", what, ends, factor, place))
     return (*found, *_by_address(vary, scene, found))
 
 
@@ -124,7 +163,7 @@ def _by_address(vary: Vary, scene: Scene, others: Sequence[VariedNumber]) -> Ite
             ("body", *scene.regions()[k].at, "magnetization") for k in scene.magnetized_regions()
         ]
     turned = [Choice("another key of `vary`", (place,), ()) for place in places]
-    numbers = [VaryNumber(of=one.of, min=one.min, max=one.max) for one in vary.numbers]
+    numbers = [VaryNumber(**one.model_dump()) for one in vary.numbers]
     for knob in knobs(numbers, scene, turned)[len(turned) :]:
         place = knob.places[0]
         at = f"vary.numbers: {written(place)}"
@@ -142,10 +181,14 @@ def _by_address(vary: Vary, scene: Scene, others: Sequence[VariedNumber]) -> Ite
                 rule="a length that changes is followed by the others, and by the target",
                 remedy=f"write `{place[-1]}: {{min: ..., max: ...}}` in `vary`",
             )
-        low = knob.scale * knob.low
-        high = knob.scale * knob.high
         yield VariedNumber(
-            knob.name, "number", low, high, 1.0 / knob.scale, place, shared=knob.places[1:]
+            knob.name,
+            knob.low,
+            knob.high,
+            knob.log,
+            unit=1.0 / knob.scale,
+            place=place,
+            shared=knob.places[1:],
         )
 
 

@@ -35,10 +35,8 @@ from magmpm.studies.search.parameters import (
     SegmentDirection,
     SegmentOrder,
     VariedNumber,
-    angles,
-    azimuth_of,
-    direction,
 )
+from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 from magmpm.studies.search.scene_edits import (
     arrangement,
     kept_total,
@@ -55,7 +53,7 @@ if TYPE_CHECKING:
     from magmpm.studies.problem.study import Study
 
 _Kind = TypeVar("_Kind", bound=Block)
-__all__ = ["FIELD", "SearchSpace", "angles", "direction"]
+__all__ = ["FIELD", "SearchSpace"]
 
 
 @dataclass(frozen=True)
@@ -136,12 +134,13 @@ class SearchSpace:
     def blocks(self) -> tuple[Block, ...]:
         """The parts of a design, in the order of its parameters and embedded coordinates."""
         found: list[Block] = [
-            SegmentDirection(name, i)
+            SegmentDirection(f"{name}_around_deg", f"{name}_along_deg", i)
             for name, i in zip(self.segment_names(), self.segments, strict=True)
         ]
         if self.field_max is not None:
             found += [
-                FieldVector(names, self.field_max, k) for k, names in enumerate(self._field_names())
+                FieldVector(*names, 1e3 * self.field_max, 1e-3, k)
+                for k, names in enumerate(self._field_names())
             ]
         found += self.numbers_within
         if self.order:
@@ -149,17 +148,14 @@ class SearchSpace:
         return tuple(found)
 
     @cached_property
-    def slices(self) -> tuple[slice, ...]:
-        """Slices of each block's embedded coordinates."""
-        ends = np.cumsum([block.size for block in self.blocks]).tolist()
-        return tuple(
-            slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True)
-        )
+    def coordinates(self) -> Coordinates:
+        """The embedded coordinates of all blocks together, and steps in them."""
+        return Coordinates(self.blocks)
 
     @cached_property
     def parts(self) -> tuple[tuple[Block, slice], ...]:
         """The blocks, each with the slice of its embedded coordinates."""
-        return tuple(zip(self.blocks, self.slices, strict=True))
+        return tuple(zip(self.blocks, self.coordinates.places, strict=True))
 
     def those(self, kind: type[_Kind]) -> list[tuple[_Kind, slice]]:
         """Find the blocks of a kind.
@@ -179,7 +175,7 @@ class SearchSpace:
     @property
     def size(self) -> int:
         """Number of embedded coordinates of a design."""
-        return sum(block.size for block in self.blocks)
+        return self.coordinates.size
 
     @property
     def freedom(self) -> int:
@@ -188,10 +184,7 @@ class SearchSpace:
         Limits aside.
         """
         lengths = sum(number.what == "length" for number in self.numbers_within)
-        count = sum(
-            2 if isinstance(block, SegmentDirection) else block.size for block in self.blocks
-        )
-        return count - int(lengths > 0 and self.keeps_length)
+        return sum(block.freedom for block in self.blocks) - int(lengths > 0 and self.keeps_length)
 
     @cached_property
     def bounds(self) -> dict[str, tuple[float, float]]:
@@ -213,12 +206,13 @@ class SearchSpace:
         """
         return [segment_names(self.scene)[i] for i in self.segments]
 
-    def _field_names(self) -> list[tuple[str, ...]]:
+    def _field_names(self) -> list[tuple[str, str, str]]:
         """Parameters of each field; of several, field_01 is the first."""
         if self.fields == 1:
             return [FIELD]
         stems = [f"field_{k:0{len(str(self.fields))}d}" for k in range(1, self.fields + 1)]
-        return [tuple(name.replace("field", stem) for name in FIELD) for stem in stems]
+        strength, azimuth, elevation = (name.removeprefix("field") for name in FIELD)
+        return [(stem + strength, stem + azimuth, stem + elevation) for stem in stems]
 
     def distributions(self) -> dict[str, BaseDistribution]:
         """Describe the parameters as Optuna requests them.
@@ -228,16 +222,7 @@ class SearchSpace:
         dict[str, BaseDistribution]
             Distributions by name.
         """
-        from optuna.distributions import CategoricalDistribution, FloatDistribution
-
-        found: dict[str, BaseDistribution] = {}
-        for block in self.blocks:
-            if isinstance(block, SegmentOrder):
-                found[block.name] = CategoricalDistribution(block.choices)
-            found |= {
-                name: FloatDistribution(low, high) for name, (low, high) in block.bounds().items()
-            }
-        return found
+        return {name: kind for block in self.blocks for name, kind in block.distributions().items()}
 
     # parameters <-> embedded coordinates
 
@@ -254,7 +239,7 @@ class SearchSpace:
         array (size,)
             Its coordinates.
         """
-        return np.concatenate([np.zeros(0), *(block.read(parameters) for block in self.blocks)])
+        return self.coordinates.read(parameters)
 
     def parameters_at(self, x: Array, order: str | None = None) -> dict[str, Any]:
         """Find the parameters of embedded coordinates, each block brought to its nearest design: the inverse of `embedded`.
@@ -275,7 +260,7 @@ class SearchSpace:
         for block, at in self.parts:
             if isinstance(block, SegmentOrder):
                 found[block.name] = order or orders(self.scene, own=True)[0]
-            found |= block.written(block.nearest(np.asarray(x, dtype=float)[at]))
+            found |= block.write(block.nearest(np.asarray(x, dtype=float)[at]))
         return found
 
     def nearest(self, x: Array) -> Array:
@@ -344,7 +329,7 @@ class SearchSpace:
                 directions.append(block.read(parameters))
             elif isinstance(block, FieldVector):
                 directions.append(block.direction(parameters))
-                strengths.append(parameters[block.names[0]] / (1e3 * block.max))
+                strengths.append(parameters[block.strength] / block.most)
             elif isinstance(block, VariedNumber):
                 rest.append(float(block.read(parameters)[0]))
         return np.array(directions).reshape(-1, 3), np.array([*strengths, *rest])
@@ -369,13 +354,12 @@ class SearchSpace:
         values = iter(numbers)
         for block in self.blocks:
             if isinstance(block, SegmentDirection):
-                found |= block.written(next(vectors))
+                found |= block.write(next(vectors))
             elif isinstance(block, FieldVector):
-                strength = float(next(values)) * 1e3 * block.max
-                around = azimuth_of(next(vectors))
-                found |= dict(zip(block.names, (strength, *around), strict=True))
+                strength = float(next(values)) * block.most
+                found |= block.write(next(vectors)) | {block.strength: strength}
             elif isinstance(block, VariedNumber):
-                found |= block.written(np.array([next(values)]))
+                found |= block.write(np.array([next(values)]))
         return found
 
     # designs -> scenes
@@ -516,7 +500,7 @@ class SearchSpace:
         if not self.keeps_length:
             return requested, np.eye(len(requested))
         number = next(number for number in self.numbers_within if number.what == "length")
-        return kept_total(requested, number.low, number.high, self.scene.length)
+        return kept_total(requested, *number.ends, self.scene.length)
 
     def directions(self, parameters: Parameters) -> Array:
         """Find the magnetization of every segment of the trial's scene, in the undeformed body.
@@ -644,7 +628,7 @@ class SearchSpace:
         for number, at in numbers:
             if number.what != "length":
                 for place in (number.place, *number.shared):
-                    found[rows.get(place, []), at] = number.high - number.low
+                    found[rows.get(place, []), at] = number.slope(x[at])
         lengths = [(number, at) for number, at in numbers if number.what == "length"]
         fields = self.those(FieldVector)
         for i in range(3 if fields else 0):
@@ -657,7 +641,7 @@ class SearchSpace:
         for i, (number, _) in enumerate(lengths):
             for row in rows["length", int(places[number.segment or 0])]:
                 for j, (other, at) in enumerate(lengths):
-                    found[row, at] = (other.high - other.low) * moved[i, j]
+                    found[row, at] = other.slope(x[at]) * moved[i, j]
         if self.limits is not None:
             count = 3 * len(self.segments)
             found[:, :count] = found[:, :count] @ self.limits.derivative(

@@ -215,9 +215,7 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
 
 def _steps(block: Block, x: Array) -> list[Array]:
     """The whole steps of a block at its embedded coordinates."""
-    if isinstance(block, SegmentOrder):
-        return []
     if isinstance(block, SegmentDirection):
         return list(across(x).T)
-    size = block.max if isinstance(block, FieldVector) else 1.0
+    size = block.radius if isinstance(block, FieldVector) else 1.0
     return list(size * np.eye(block.size))

@@ -8,20 +8,14 @@ import numpy as np
 import optuna
 import pytest
 
+from magmpm.studies.search.samplers.blocks import Array, Ball, Block, Direction, Number
 from magmpm.studies.search.samplers.gauss_newton import (
     LEAST_GAIN,
     PLAN,
-    Ball,
     GaussNewtonSampler,
     _judged,
 )
-from magmpm.studies.search.samplers.gauss_newton_steps import (
-    Array,
-    Block,
-    Coordinates,
-    Direction,
-    Number,
-)
+from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 from magmpm.studies.search.samplers.optuna_ids import other_trials
 
 Model = Callable[[Array], tuple[Array, Array]]

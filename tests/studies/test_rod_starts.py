@@ -18,7 +18,7 @@ from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.rods.rod_designs import RodDesign, rod_designs
 from magmpm.studies.search.definition import load_study
-from magmpm.studies.search.parameters import VariedNumber
+from magmpm.studies.search.scene_edits import within
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.search.well_posed import check_search, identifiability
 
@@ -282,7 +282,7 @@ def test_a_number_is_said_to_be_at_its_bound_where_beyond_it_would_be_better(
 ) -> None:
     """By 2 mm of rms a whole range, 10 mm: by 0.2 mm of rms a millimeter."""
     found = _bound(
-        VariedNumber("length_mm", "length", 10e-3, 20e-3, 1e3), np.array([at]), np.array([slope])
+        within("length_mm", "length", (10e-3, 20e-3), 1e3, ()), np.array([at]), np.array([slope])
     )
     assert (found is None) is (says is None)
     if found is not None:

@@ -9,17 +9,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rod_solve import SCENE, STUDY, write_study
 
+from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
 from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.samplers.blocks import Direction
 from magmpm.studies.search.samplers.choice import make_sampler
 from magmpm.studies.search.samplers.tpe import Designs, DirectionTPE, TpeSettings
-from magmpm.studies.search.search_space import SearchSpace, angles, direction
+from magmpm.studies.search.search_space import SearchSpace
 
+ANGLES = Direction("around", "along")
 FIELD = STUDY.replace("magnetization: {}", "magnetization: {}\n  field: {max: 10 mT}")
 
 
 def space_of(folder: Path, text: str = STUDY, scene: str | None = None) -> SearchSpace:
     return SearchSpace.of(load_study(write_study(folder, text, scene)))
+
+
+def direction(around: float, along: float) -> Array:
+    """The unit vector of two angles, degrees."""
+    return ANGLES.read({"around": around, "along": along})
 
 
 def test_angles_mean_what_they_are_called() -> None:
@@ -38,7 +46,7 @@ def test_angles_and_directions_are_inverse(around: float, along: float) -> None:
     vector = direction(around, along)
     assert np.linalg.norm(vector) == pytest.approx(1, abs=1e-15)
     # at a tenth of a degree from the pole, rounding errors of the vector are 600 times larger in the azimuth
-    np.testing.assert_allclose(direction(*angles(vector)), vector, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ANGLES.read(ANGLES.write(vector)), vector, rtol=0, atol=1e-12)
 
 
 def test_two_angles_a_magnetised_segment_and_none_for_others(tmp_path: Path) -> None:

@@ -21,15 +21,14 @@ from typing import Any
 
 from optuna.trial import FrozenTrial
 
+from magmpm.studies.search.samplers.blocks import Ball, Block
 from magmpm.studies.search.samplers.gauss_newton import (
     PLAN,
-    Ball,
     GaussNewtonSampler,
     PlanningSampler,
     cost_of,
     counted,
 )
-from magmpm.studies.search.samplers.gauss_newton_steps import Block
 
 Improve = Callable[[float, Sequence[Mapping[str, float]]], list[dict[str, float]]]
 

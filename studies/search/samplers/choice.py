@@ -23,7 +23,6 @@ from magmpm.studies.problem.sampler_names import (
     TAKE_CHOICES,
     check_sampler_name,
 )
-from magmpm.studies.search.parameters import FieldVector, SegmentDirection, VariedNumber
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 
     from magmpm.studies.problem.study import Study
     from magmpm.studies.search.samplers.bounded_front import Improve
-    from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 
 POOR = (
     0.04  # of the length: a rod's design whose body is farther from the target is on another branch
@@ -306,7 +304,7 @@ def make_sampler(
         if name == "gauss-newton" and front:
             from magmpm.studies.search.samplers.bounded_front import BoundedFront
 
-            blocks = gauss_newton_blocks(space).blocks
+            blocks = [block for block in space.blocks if block.size]
             length = space.scene.length
             near = goal or ALIKE_ON_FRONT * length
             poor = POOR * length
@@ -316,7 +314,7 @@ def make_sampler(
         if name == "gauss-newton":
             from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 
-            blocks = gauss_newton_blocks(space).blocks
+            blocks = [block for block in space.blocks if block.size]
             return GaussNewtonSampler(
                 blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length
             )
@@ -341,32 +339,3 @@ def make_sampler(
         )
         found: BaseSampler = getattr(optuna.samplers, kind)(seed=number, **_OPTIONS.get(kind, {}))
         return found
-
-
-def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
-    """Make the blocks of a study as those of the Gauss-Newton sampler, which knows nothing of studies; with the same coordinates.
-
-    Parameters
-    ----------
-    space : SearchSpace
-        The search space.
-
-    Returns
-    -------
-    Coordinates
-        The blocks together.
-    """
-    from magmpm.studies.search.samplers import gauss_newton_steps as gn
-
-    blocks: list[gn.Block] = []
-    for block in space.blocks:
-        names = list(block.bounds())
-        if isinstance(block, SegmentDirection):
-            blocks.append(gn.Direction(*names))
-        elif isinstance(block, FieldVector):
-            blocks.append(
-                gn.Ball(names[0], names[1], names[2], 1e3 * block.max, unit=1e-3)
-            )  # T for each mT
-        elif isinstance(block, VariedNumber):
-            blocks.append(gn.Number(names[0], *block.bounds()[names[0]]))
-    return gn.Coordinates(blocks)

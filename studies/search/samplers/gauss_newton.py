@@ -30,15 +30,8 @@ import optuna
 from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import FrozenTrial
 
-from magmpm.studies.search.samplers.gauss_newton_steps import (
-    Array,
-    Ball,
-    Block,
-    Coordinates,
-    Direction,
-    Number,
-    Step,
-)
+from magmpm.studies.search.samplers.blocks import Array, Ball, Block, Direction, Number
+from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates, Step
 from magmpm.studies.search.samplers.optuna_ids import other_trials, storage_of, trial_id
 
 __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]

@@ -320,7 +320,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         self._caution = 1.0
         self._scale = np.ones(space.size)
         for block, at in space.those(FieldVector):
-            self._scale[at] = block.max
+            self._scale[at] = block.radius
         self._layout = layout_of(
             [(isinstance(block, SegmentDirection), block.size) for block in space.blocks]
         )

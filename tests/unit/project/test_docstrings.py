@@ -117,7 +117,7 @@ def taken(thing: Any) -> list[str]:
     if isinstance(thing, type) and issubclass(thing, Settings):
         return list(thing.model_fields)
     fields = getattr(thing, "__dataclass_fields__", None) or getattr(thing, "_fields", None)
-    own_fields = set(fields or ()) & set(getattr(thing, "__annotations__", ()))
+    own_fields = set(fields or ()) & annotated(thing)
     if isinstance(thing, type) and fields is not None:
         if not own_fields:
             return []  # what a base class says
@@ -131,6 +131,11 @@ def taken(thing: Any) -> list[str]:
         for each in signature.parameters.values()
         if each.name not in ("self", "cls")
     ]
+
+
+def annotated(thing: Any) -> set[str]:
+    """Names that a class itself annotates: the others' descriptions stand with its base class."""
+    return set(getattr(thing, "__annotations__", ())) if isinstance(thing, type) else set()
 
 
 def named(lines: list[str]) -> list[str]:
@@ -155,8 +160,9 @@ def faults(thing: Any) -> list[str]:
         if not about
     ]
     given = named(said.get("Parameters", []) + said.get("Attributes", []))
-    if given != taken(thing):
-        found.append(f"describes {given}, takes {taken(thing)}")
+    known = taken(thing)
+    if given not in (known, [name for name in known if name in annotated(thing)]):
+        found.append(f"describes {given}, takes {known}")
     told = bool(said.keys() & {"Returns", "Yields"})
     if not isinstance(thing, type) and returns(thing) != told:
         found.append("Returns, and returns nothing" if told else "has no Returns")

@@ -40,7 +40,7 @@ MOST_OF_MANY_ARGUMENTS = 32  # functions of more than 8 arguments
 MOST_TWICE = 0  # class names that stand more than once
 MOST_IN_README = 80  # lines
 # of the packages; monkeypatch.setattr in tests
-MOST_MODULES = 326
+MOST_MODULES = 327
 MOST_PATCHES = 53
 NUMERIC = (ast.Constant, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop)
 ENTRIES = {
