@@ -398,7 +398,7 @@ def _chosen(search: _GridSearch, cells: int) -> ChosenGrid:
     report = {
         "cells_across": cells,
         "particles_per_cell": resolution.particles_per_cell,
-        "asked": {
+        "requested": {
             key: value
             for key, value in resolution.model_dump().items()
             if key in ("error", "of", "seconds")

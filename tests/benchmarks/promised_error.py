@@ -49,7 +49,7 @@ def judged(scene: Scene, seed: int) -> dict[str, Any]:
         "seed": seed,
         "name": scene.name,
         "slenderness": scene.length / scene.thickness,
-        "asked": scene.resolution.error,
+        "requested": scene.resolution.error,
     }
     begun = perf_counter()
     try:
@@ -107,7 +107,7 @@ def told(row: dict[str, Any]) -> str:
 def summary(rows: list[dict[str, Any]]) -> str:
     """Summary of all scenes."""
     known = [row for row in rows if "ratio" in row]
-    kept = sum(row["true"] <= row["asked"] * row["length"] for row in known)
+    kept = sum(row["true"] <= row["requested"] * row["length"] for row in known)
     spread = shares(np.array([row["ratio"] for row in known]))
     return (
         f"{len(rows)} scenes, {len(known)} judged: {spread}; within the error asked for: {kept} of"

@@ -65,7 +65,7 @@ def test_an_error_in_mm_at_the_tip() -> None:
     result = run(asked(error="0.1 mm", of="tip"))
     assert result.error_estimate < 0.1e-3
     assert np.linalg.norm(result.tip - run(PLAIN.with_cells(6)).tip) < result.error_estimate
-    assert result.resolution["asked"] == {"error": "0.0001 m", "of": "tip"}
+    assert result.resolution["requested"] == {"error": "0.0001 m", "of": "tip"}
 
 
 def test_what_is_asked_is_plain_data_and_read_back() -> None:
