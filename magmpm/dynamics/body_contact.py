@@ -54,13 +54,21 @@ class BodyContact(SurfacePairs):
         self._pace = (
             pace * (splines @ np.divide(1.0, pace, out=np.zeros_like(pace), where=pace > 0)).max()
         )
-        none = np.zeros(0, np.int64)
         self._then = np.full_like(self.place, np.inf)  # places of the points when pairs were listed
-        self.meeting = self._of(none, none, np.zeros(1), np.full(1, -1.0))
+        self.meeting = self._without_pairs(-1.0)
 
     def _of(self, point: Index, solid: Index, memory: Array, most: Array) -> Meeting:
         parts: tuple[Any, ...] = (self._pace, *self.cells, *self.solids)
         return Meeting(point, self._node[point], solid, memory, most, self.law, *parts)
+
+    def _without_pairs(self, most: float) -> Meeting:
+        """No pairs, until points have moved by more than `most`, m."""
+        none = np.zeros(0, np.int64)
+        return self._of(none, none, np.zeros(1), np.full(1, most))
+
+    def apart(self) -> Meeting:
+        """No pairs at all: nothing touches. Kernels take it as they take pairs."""
+        return self._without_pairs(np.inf)
 
     def copy(self) -> Meeting:
         """The pairs, with a memory that steps may change."""

@@ -319,8 +319,9 @@ class TotalMotion:
         """
         v = np.zeros_like(u)
         instant = acting.instant_modulus(self.model.scene)
+        apart = () if self.contact is None else self.contact.apart()
         self._advance(
-            1, 1.0, (), u.copy(), v, np.zeros_like(u), self.touching, meeting=(), instant=instant
+            1, 1.0, (), u.copy(), v, np.zeros_like(u), self.touching, meeting=apart, instant=instant
         )  # a second from rest: v is that
         return v
 

@@ -243,6 +243,7 @@ def test_shifts_of_a_strip_held_at_both_ends_are_those_of_whole_runs() -> None:
         assert found.shift_m == pytest.approx(moved, abs=found.uncertainty_m or 0.0), key
 
 
+@pytest.mark.slow
 def test_more_blocks_than_may_act_on_each_other_cost_nothing_that_is_not_named() -> None:
     """A wide strip has 3 200 blocks, more than magnetic_interaction takes: it is not named, and its table is made."""
     (found,) = survey(strip(40e-3), only="magnetic_interaction").effects

@@ -577,6 +577,7 @@ def test_constants_by_address_are_those_of_their_kind(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_magnets_remanence_is_found_by_its_address(tmp_path: Path) -> None:
     """From tips in its field, of a scene whose number is 8 % too large; to the readings' 1e-9 mm over the slope, some 1e-6 of it."""
     scene = load_scene(ROOT / "data/scenes/pulled_by_magnet.yaml").with_cells(2)

@@ -94,7 +94,7 @@ def numbers_of(study: Path, params: dict[str, float], folder: Path) -> dict[str,
             1e-3,
             1e-3,
         ),
-        (FEEDS, FED, 1e-5, 3e-4),
+        pytest.param(FEEDS, FED, 1e-5, 3e-4, marks=pytest.mark.slow),
     ],
     ids=["field", "feed"],
 )

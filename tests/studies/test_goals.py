@@ -524,7 +524,7 @@ def test_a_motion_that_does_worse_than_others_is_ended(tmp_path: Path) -> None:
     scene = moving_scene(
         block((2e-3, 2e-3, 2e-3)),
         {"gravity": {"acceleration": [0.5, 0.0, -9.81]}, "ground": {"point": [0.0, 0.0, 0.0]}},
-        duration=0.02,
+        duration=0.01,
     )
     data = scene.to_si()
     data["solver"]["dynamic"]["output_every"] = 1e-3
@@ -539,7 +539,7 @@ def test_a_motion_that_does_worse_than_others_is_ended(tmp_path: Path) -> None:
     assert isinstance(found, GoalReport)
     assert found.pruned >= 2
     assert found.best is not None
-    way = 0.5 * found.best["params"]["effects.gravity.acceleration[0] (m/s^2)"] * 0.02**2
+    way = 0.5 * found.best["params"]["effects.gravity.acceleration[0] (m/s^2)"] * 0.01**2
     assert found.best["values"][0] == pytest.approx(way, rel=0.01)
 
 

@@ -210,7 +210,13 @@ ADDRESSES = {  # of a scene: addresses, and steps (SI) of differences between eq
 }
 
 
-@pytest.mark.parametrize("about", ADDRESSES, ids=["magnet and coils", "dipole"])
+@pytest.mark.parametrize(
+    "about",
+    [
+        pytest.param(about, id=name, marks=pytest.mark.slow if name != "dipole" else ())
+        for about, name in zip(ADDRESSES, ["magnet and coils", "dipole"], strict=True)
+    ],
+)
 def test_numbers_by_their_addresses_are_differentiated(about: str, tmp_path: Path) -> None:
     """Poses of magnets and dipoles, moments, currents, bulk moduli, directions: as differences of equilibria have it."""
     data = yaml.safe_load(MATERIALS) | yaml.safe_load(about)
@@ -227,6 +233,7 @@ def test_numbers_by_their_addresses_are_differentiated(about: str, tmp_path: Pat
         assert_like(found.tip[:, 2], by_kind.tip[:, 0])
 
 
+@pytest.mark.slow
 def test_the_bulk_modulus_of_a_slender_strip(tmp_path: Path) -> None:
     """A strip 50 times as long as thick bends far with it: differences of refined equilibria come near as the square of their step."""
     data = yaml.safe_load(MATERIALS) | yaml.safe_load(STRIP + UNIFORM)
