@@ -15,16 +15,17 @@ diameter d), each of two directions joins a law of slow and one of fast motion a
 * parts: C = 0.55 on each face, whether it moves into the fluid or out of it; that is 1.1 for a plate or a cube, 0.55 for a ball, 0.73 for
   a short rod. Slow: the even traction 3 mu u / d on a ball of the same surface, whatever the shape.
 
-The body carries along the fluid mass C_a rho V of its normal motion (Morison): a rod the fluid that it displaces, a strip the cylinder
-around its width, both times 1 - 0.45 b/L, which is within 5 % of tables; parts half of what they displace, as a ball. It takes no part in
-weight. The fluid's weight lifts what it surrounds, where the scene names gravity; a bore is full of it.
+The body carries along the fluid mass C_a rho V of its normal motion (Morison): a rod the fluid in the place of its outline, a strip the
+cylinder around its width, both times 1 - 0.45 b/L, which is within 5 % of tables; parts half of what they displace, as a ball. A bore is
+full of fluid, which goes with its tube across the axis and stays behind along it (Paidoussis). What is carried takes no part in weight.
+The fluid's weight lifts what it surrounds, where the scene names gravity.
 
 Limits: there is no wake, no memory of the flow, no lift along or across that is not drag of a piece, no other body's flow, no surface of
 the water. Of cylinders the law is within 13 % of measured drag for 0.1 < Re < 1000.
 Sources: Taylor, Proc. R. Soc. A 214 (1952) 158; Churchill, Usagi, AIChE J. 18 (1972) 1121; Tirado, Garcia de la Torre, J. Chem. Phys. 71
 (1979) 2581; Batchelor, J. Fluid Mech. 44 (1970) 419 (the section's mean radius); Hoerner, Fluid-Dynamic Drag (1965), chapter 3;
-Schlichting, Boundary-Layer Theory (Blasius); Morison, O'Brien, Johnson, Schaaf, J. Petr. Tech. 2 (1950) 149; DNV-RP-C205, appendix D (added
-mass).
+Schlichting, Boundary-Layer Theory (Blasius); Morison, O'Brien, Johnson, Schaaf, J. Petr. Tech. 2 (1950) 149; DNV-RP-C205, appendix D
+(added mass); Paidoussis, Fluid-Structure Interactions 1 (1998), section 3.3 (a tube full of fluid).
 """
 
 from __future__ import annotations
@@ -202,7 +203,7 @@ class Fluid(Effect):
         """Mass that is carried along over the fluid's density and the material's volume (n,), along the normal of each piece, and beside
         it; of a rod's pieces along the axis, and across."""
         slender = 1.0 - 0.45 * surface.width / surface.length
-        rod = slender / surface.solid
+        rod = (slender + 1.0 - surface.solid) / surface.solid  # around it, and in its bore
         thick = np.where(surface.kind == FLAT, surface.thickness, 1.0)
         strip = slender * math.pi / 4 * surface.width / thick
         ball = np.full_like(rod, 0.5)

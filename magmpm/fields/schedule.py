@@ -163,6 +163,43 @@ def sample_times(field: FieldSource) -> Array:
     return np.unique(np.concatenate(times))
 
 
+def moments(field: FieldSource, end: float, most: int = 1_000_000) -> Array:
+    """Find times that sample how a field changes: the ends of its parts, and sixteen in each cycle, its crests among them.
+
+    Parameters
+    ----------
+    field : FieldSource
+        The sources.
+    end : float, s
+        Until when.
+    most : int
+        Times of one part at most: the first of them.
+
+    Returns
+    -------
+    array (k,), s
+        The times, rising from 0 to the end; 0 alone where nothing passes.
+    """
+    if end == 0.0:
+        return np.zeros(1)
+    times = [np.linspace(0.0, end, 1000)]
+    over = field.over_time
+    if over is not None:
+        times.append(np.array([frame.time for frame in over.frames]))
+        if over.ramp is not None:
+            times.append(over.ramp.start + np.array([0.0, over.ramp.duration]))
+        for swing in (over.rotation, over.oscillation):
+            if swing is None:
+                continue
+            step = 1.0 / (16.0 * abs(swing.frequency))
+            ahead = -getattr(swing, "phase", 0.0) / (2.0 * np.pi) % (1.0 / 16.0) * 16.0
+            count = min(max(end - swing.start, 0.0) / step + 1.0, most)
+            times.append(swing.start + step * (ahead + np.arange(-1.0, count)))
+        times.append(np.array([end_time(field)]))
+    every = np.unique(np.concatenate(times))
+    return every[(every >= 0.0) & (every <= end)]
+
+
 def strength_of(over: OverTime, times: Array) -> Array:
     """Find the factor of the whole field over time.
 

@@ -235,10 +235,16 @@ def _stream_is_steady(scene: WholeScene) -> None:
 
 
 def _segments_turn_alone(scene: WholeScene) -> None:
-    """Segments act on each other as dipoles that stretch with the material."""
-    for k in (
-        np.flatnonzero(rotating(scene)) if scene.effects.magnetic_interaction is not None else ()
-    ):
+    """Segments act on each other as dipoles that stretch with the material, in a body of a finite width."""
+    if scene.effects.magnetic_interaction is None:
+        return
+    if scene.body.shape.in_plane_strain:
+        raise fault(
+            "segments act on each other as dipoles, and in plane strain they have no end along y",
+            "remove plane_strain, or do not name magnetic_interaction",
+            ("effects", "magnetic_interaction"),
+        )
+    for k in np.flatnonzero(rotating(scene)):
         raise fault(
             "magnetic_interaction supports only magnetization that stretches with the material",
             "remove magnetization_law, or do not name magnetic_interaction",

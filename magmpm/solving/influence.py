@@ -201,6 +201,8 @@ def _naming(scene: Scene, key: str, kind: type[Effect]) -> Scene:
 
     Without the other rules of scenes, which take a millisecond and which the scene has passed.
     """
+    if key == "magnetic_interaction":  # which has rules of its own
+        return scene.with_effects(magnetic_interaction={})
     if key == "gravity" and not has_densities(scene):
         raise SceneError(
             "materials",

@@ -257,10 +257,22 @@ def touched_by(model: StaticModel, grid: Array, obstacle: str) -> Touched:
 
 
 def _rebuilt(model: StaticModel, scene: Scene) -> StaticModel:
-    """The model of a changed scene, at the same time."""
-    if model.again is not None:
-        return model.again(scene)
-    return arranged(static_model(build(scene, time=model.time)))[0]
+    """The model of a changed scene, at the same step of a path: where its schedule tells when it ends, a step's time changes with it.
+
+    Raises SolveError where more of a fed catheter would be out of its guide then.
+    """
+    time = model.time
+    before = model.scene.path_times()
+    if time is not None and time in before:
+        time = scene.path_times()[before.index(time)]
+    if model.again is None:
+        return arranged(static_model(build(scene, time=time)))[0]
+    if time != model.time:
+        raise SolveError(
+            "the number changes when a step of the path is, and so the length that is out of the"
+            " guide; remedy: `duration` in `solver.quasi_static`, or differences of runs"
+        )
+    return model.again(scene)
 
 
 def _change(model: StaticModel, grid: Array, variable: Variable) -> GeometryChange:

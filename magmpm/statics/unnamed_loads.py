@@ -65,6 +65,7 @@ def _unnamed(scene: Scene, energy: Energy, point: Point) -> Iterator[tuple[str, 
         named.magnetic_interaction is None
         and len(scene.magnetized_regions()) > 1
         and not rotating(scene).any()
+        and not scene.body.shape.in_plane_strain
     ):
         try:
             block = MagneticInteraction().marks(model.particles, model.remanence[:, :3])

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
+from magmpm.fields import schedule
 from magmpm.model import Model, build
 from magmpm.results.measures import of_particles
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
-
-SAMPLES = 1000  # moments at which the field of a motion is looked at
 
 
 def pushed(scene: Scene) -> bool:
@@ -51,17 +51,31 @@ class Answer:
         """Moments (k,) s: of an equilibrium 0 for the undeformed body, then 1."""
         return np.array([0.0, 1.0]) if self.motion is None else self.motion.times
 
-    def particles(self, k: int | None) -> Array:
-        """Positions (n, 3) m of the particles at moment number k; None: of the undeformed body."""
+    def particles(self, k: float | None) -> Array:
+        """Positions (n, 3) m of the particles at moment number k; None: of the undeformed body.
+
+        Between two frames of a motion they are the cubic through places and velocities of both.
+        """
         if k is None and not self._path:  # which may be bent as it begins
             k = 0
         if k is None:
             return self.model.particles.position
-        if self.motion is not None:
-            return np.asarray(self.motion.position(k), dtype=float)
-        assert self.result is not None
-        moved = k % len(self.times) > 0
-        return self.result.particle_position if moved else self.model.particles.position
+        if self.motion is None:
+            assert self.result is not None
+            moved = k % len(self.times) > 0
+            return self.result.particle_position if moved else self.model.particles.position
+        share = k % 1.0
+        if share == 0.0:
+            return np.asarray(self.motion.position(int(k)), dtype=float)
+        before = self.motion[int(k)]
+        after = self.motion[int(k) + 1]
+        begin = np.asarray(before.position, dtype=float)
+        way = after.position - begin
+        time = after.time - before.time
+        first = time * before.quantities["velocity"] - way
+        last = time * after.quantities["velocity"] - way
+        bent = (1.0 - share) * first - share * last
+        return np.asarray(begin + share * (way + (1.0 - share) * bent))
 
     def region(self, name: str, at: str) -> np.ndarray[Any, np.dtype[np.bool_]]:
         """Select the particles (n,) of the body, or of a part or segment by its name. Raises InputError."""
@@ -82,10 +96,10 @@ class Answer:
         """True for equilibria along time."""
         return self.scene.solver.quasi_static is not None
 
-    def place(self, of: str, k: int | None, at: str) -> Array:
+    def place(self, of: str, k: float | None, at: str) -> Array:
         """The mean place (3,) m of the tip, the body, a part or a segment at moment k, None: undeformed. Raises InputError."""
         if of == "tip" and k is not None and self._path and self.result is not None:
-            known = self.result.steps[k].get("tip")
+            known = self.result.steps[int(k)].get("tip")
             if known is not None:  # all digits, which frames have not
                 return np.array(known)
         x = self.particles(k)
@@ -106,64 +120,62 @@ class Answer:
             )
         return np.asarray(tip)
 
-    def moment(self, time: float | None, otherwise: int, inserted: float | None = None) -> int:
-        """Number of the moment nearest to a time (s), or to when a length (m) is out of the guide; `otherwise` where neither is given."""
+    def moment(self, time: float | None, otherwise: int, inserted: float | None = None) -> float:
+        """Number of the moment at a time (s), or when a length (m) is out of the guide; `otherwise` where neither is given.
+
+        Along a path it is that of an equilibrium; in a motion a fraction counts from frame to frame.
+        """
         if inserted is not None:
             time = time_of(self.scene, inserted)
         if time is None or self.motion is None:
             return range(len(self.times))[otherwise]
-        return int(np.argmin(np.abs(self.times - time)))
+        nearest = int(np.argmin(np.abs(self.times - time)))
+        if self._path or math.isclose(self.times[nearest], time, rel_tol=1e-9):
+            return nearest
+        return float(np.interp(time, self.times, np.arange(len(self.times))))
 
     @cached_property
     def field(self) -> tuple[Array, Array]:
-        """Times (k,) s, and the strength (k,) T of the strongest field at the centers of the body's regions then."""
+        """Times (k,) s, and the strength (k,) T of the strongest field at any particle then."""
         field = self.scene.external_field()
+        end = self.scene.duration if self.motion is None else float(self.times[-1])
+        times = schedule.moments(field.source, end)
         if not field.source.varies:  # the same everywhere
-            end = self.scene.duration if self.scene.in_time else 0.0
-            times = np.linspace(0.0, end, SAMPLES if end > 0.0 else 1)
-            at = [None] if end == 0.0 else times.tolist()
-            strengths = [float(np.linalg.norm(field.at(np.zeros(3), t)[0])) for t in at]
-            return times, np.array(strengths)
+            known = schedule.places(field.source, times if self.scene.in_time else None)["uniform"]
+            return times, np.broadcast_to(np.linalg.norm(known, axis=1), len(times))
         if self.motion is None:
             assert self.result is not None
-            strength = np.linalg.norm(field.at(self.result.segment_center), axis=1).max()
+            strength = np.linalg.norm(field.at(self.result.particle_position), axis=1).max()
             return np.zeros(1), np.array([strength])
-        times = np.linspace(float(self.times[0]), float(self.times[-1]), SAMPLES)
-        segment = self.model.particles.segment
-        volume = self.model.particles.volume
-        whole = np.bincount(segment, volume)
-        near = [self.moment(float(t), -1) for t in times]
-        centers = {}
-        for k in set(near):
+        times = np.union1d(times, self.times)
+        nearest = np.rint(np.interp(times, self.times, np.arange(len(self.times))))
+        strength = np.zeros(len(times))
+        for k in np.unique(nearest).astype(int):
             x = self.particles(k)
-            sums = [np.bincount(segment, volume * x[:, i]) / whole for i in range(3)]
-            centers[k] = np.column_stack(sums)
-        strengths = [
-            float(np.linalg.norm(field.at(centers[k], float(t)), axis=1).max())
-            for t, k in zip(times, near, strict=True)
-        ]
-        return times, np.array(strengths)
+            for i in np.flatnonzero(nearest == k):
+                strength[i] = np.linalg.norm(field.at(x, float(times[i])), axis=1).max()
+        return times, strength
 
     def pushes(self, of: str) -> Array:
-        """Force (k, 3) N of an obstacle at each moment of what runs along time, or (1, 3) at rest."""
-        if self.motion is not None:
-            found = self.motion.contacts.get(of)
-            if found is None:
-                return np.zeros((len(self.times), 3))  # nothing has touched it
-            return np.column_stack([found[f"F{axis}"] for axis in "xyz"])
-        assert self.result is not None
-        return np.array([self.result.contacts[of]["force"]])
+        """Force (k, 3) N of an obstacle, or of two parts, at each moment of what runs along time, or (1, 3) at rest."""
+        if self.motion is None:
+            assert self.result is not None
+            found = self.result.contacts.get(of, {})
+            return np.array([found.get("force", np.zeros(3))])
+        out = np.zeros((len(self.times), 3))
+        rows = self.motion.contacts.get(of)  # of parts while they touch, of what is fed once it can
+        if rows is not None:
+            on = rows["t"] <= self.times[-1]
+            force = np.column_stack([rows[f"F{axis}"] for axis in "xyz"])
+            out[np.searchsorted(self.times, rows["t"][on])] = force[on]
+        return out
 
-    @property
-    def contacts(self) -> Mapping[str, Array]:
-        """Size (k,) N of the force of each obstacle and pair over time."""
-        if self.motion is not None:
-            return {
-                name: np.linalg.norm(np.column_stack([of[f"F{axis}"] for axis in "xyz"]), axis=1)
-                for name, of in self.motion.contacts.items()
-            }
-        assert self.result is not None
-        return {
-            name: np.array([float(np.linalg.norm(of["force"]))])
-            for name, of in self.result.contacts.items()
-        }
+    @cached_property
+    def pairs(self) -> list[str]:
+        """Names of the contacts between two components that self_contact may have, as contacts.csv has them."""
+        segment = self.model.particles.segment
+        component = self.model.component
+        regions = self.scene.regions()
+        first = [segment[component == one].min() for one in range(int(component.max()) + 1)]
+        names = [regions[k].name for k in first]
+        return [f"self_contact: {a}, {b}" for a, b in combinations(names, 2)]

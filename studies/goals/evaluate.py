@@ -52,15 +52,14 @@ def beyond(value: float, bounds: tuple[float | None, float | None]) -> list[floa
 def numbers(job: Job, on_progress: Callable[[int, float], None] | None = None) -> dict[str, float]:
     """The measures of a run, in SI. Raises MagmpmError where it fails, with the reason; BeyondBounds where it need not be run."""
     scene = Scene.from_si(job.scene)
-    if not scene.external_field().source.varies:
-        early = Answer(scene, None)
-        known = {
-            name: measured(job.measures[name], early, name, job.functions)
-            for name in job.bounds
-            if validate(Measure, job.measures[name]).before
-        }
-        if any(max(beyond(value, job.bounds[name])) > 0.0 for name, value in known.items()):
-            raise BeyondBounds(known)
+    early = Answer(scene, None)
+    known = {
+        name: measured(job.measures[name], early, name, job.functions)
+        for name in job.bounds
+        if validate(Measure, job.measures[name]).before(scene)
+    }
+    if any(max(beyond(value, job.bounds[name])) > 0.0 for name, value in known.items()):
+        raise BeyondBounds(known)
     answer = answered(scene, job.folder, on_progress)
     return {
         name: measured(data, answer, name, job.functions) for name, data in job.measures.items()

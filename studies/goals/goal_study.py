@@ -59,7 +59,7 @@ class GoalStudy:
             return "the answer is not that of equilibria without a past"
         measures = {at: validate(Measure, data) for at, data in self.measures.items()}
         rough = [knob.name for knob in self.knobs if not self._has_derivative(knob)]
-        rough += [at for at, measure in measures.items() if not measure.smooth]
+        rough += [at for at, measure in measures.items() if not measure.smooth(self.scene)]
         if (
             self.scene.effects.feed is not None
         ):  # of which derivatives know what is out of the guide

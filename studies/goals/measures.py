@@ -44,8 +44,8 @@ class Slopes:
     """Derivatives by p parameters of equilibrium number k: of a place (3, p) m and of a moment (3, 3, p) m^2 by the name of a region and k,
     and of an obstacle's force (3, p) N by its name and k. SI, per unit of each parameter."""
 
-    place: Callable[[str, int], Array]
-    moment: Callable[[str, int], Array]
+    place: Callable[[str, float], Array]
+    moment: Callable[[str, float], Array]
     force: Callable[[str, int], Array]
 
 
@@ -54,7 +54,10 @@ class OneMeasure(Settings):
 
     kind: ClassVar[str | None] = None
     unit: ClassVar[str] = ""  # SI
-    before: ClassVar[bool] = False  # known before the run, where the field is the same everywhere
+
+    def before(self, scene: Scene) -> bool:
+        """True if it is known before a scene's run."""
+        return False
 
     @abstractmethod
     def of_answer(self, answer: Answer, at: str) -> float:
@@ -89,7 +92,7 @@ class AtMoment(Smooth):
             raise fault("at and inserted both say when", "remove one of them", ("inserted",))
         return self
 
-    def moment(self, answer: Answer) -> int:
+    def moment(self, answer: Answer) -> float:
         """Number of the moment."""
         return answer.moment(self.at, -1, self.inserted)
 
@@ -181,7 +184,7 @@ class Turn(AtMoment):
     def _of(self) -> str:
         return "body" if self.of == "tip" else self.of
 
-    def _arms(self, answer: Answer, k: int, at: str) -> tuple[Array, Array, Array]:
+    def _arms(self, answer: Answer, k: float, at: str) -> tuple[Array, Array, Array]:
         """Particles from their mean, undeformed and at moment k, (n, 3) m, and their shares (n,) of the volume."""
         on = answer.region(self._of, at)
         volume = answer.model.particles.volume[on]
@@ -219,7 +222,7 @@ class Distance(AtMoment):
         )
         return one - other, np.asarray(way)
 
-    def _spots(self, answer: Answer, k: int, at: str) -> list[Array]:
+    def _spots(self, answer: Answer, k: float, at: str) -> list[Array]:
         return [
             answer.place(of, k, at) if isinstance(of, str) else np.array(of) for of in self.between
         ]
@@ -259,15 +262,11 @@ class ContactForce(Smooth):
             )
         forces = answer.pushes(self.of)
         sizes = np.linalg.norm(forces, axis=1)
-        first = len(answer.times) - len(forces)  # while it is in its guide nothing touches it
-        slopes = {
-            k: forces[k]
-            / max(float(np.linalg.norm(forces[k])), 1e-300)
-            @ of.force(self.of, first + k)
+        slopes = [
+            forces[k] / max(float(sizes[k]), 1e-300) @ of.force(self.of, k)
             for k in self._counted(sizes)
-        }
-        share = len(answer.times) if answer.motion is not None and self.over == "mean" else 1
-        return np.asarray(sum(slopes.values()) / share)
+        ]
+        return np.mean(slopes, axis=0)
 
     def _counted(self, sizes: Array) -> Sequence[int]:
         """Numbers of the moments that count."""
@@ -276,21 +275,32 @@ class ContactForce(Smooth):
         return [int(np.argmax(sizes)) if self.over == "largest" else len(sizes) - 1]
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        found = answer.contacts
-        if self.of not in found:
-            effects = answer.scene.effects.named()
-            if self.of.split(":")[0] in effects:
-                return 0.0  # a pair has rows once it touches
-            raise InputError(
-                f"{at}.with",
-                received=repr(self.of),
-                rule="the scene has no such contact",
-                remedy=f"name one of {', '.join(found) or 'ground, walls, self_contact'}",
-            )
-        force = found[self.of]
-        if self.over == "mean" and answer.motion is not None:
-            return float(force.sum()) / len(answer.times)
-        return float(force.max() if self.over == "largest" else force[-1])
+        sizes = np.linalg.norm(answer.pushes(self._named(answer, at)), axis=1)
+        return float(sizes[self._counted(sizes)].mean())
+
+    def _named(self, answer: Answer, at: str) -> str:
+        """Its name in contacts.csv, where a pair has one order. Raises InputError."""
+        named = answer.scene.effects.named()
+        known = [key for key in ("ground", "walls") if key in named]
+        if "self_contact" in named:
+            known += answer.pairs
+        key, _, two = self.of.partition(": ")
+        turned = [f"{key}: {', '.join(reversed(two.split(', ')))}"]
+        for name in (self.of, *turned):
+            if name in known:
+                return name
+        listed = ", ".join(repr(name) for name in known[:8]) or "ground, walls, self_contact"
+        whole = self.of == "self_contact" or self.of.endswith(", itself")
+        raise InputError(
+            f"{at}.with",
+            received=repr(self.of),
+            rule=(
+                "the forces of the body on itself add up to zero"
+                if whole
+                else "the scene has no such contact; joined parts have the name of their first"
+            ),
+            remedy=f"name one of {listed}",
+        )
 
 
 class LargestStrain(OneMeasure):
@@ -301,21 +311,25 @@ class LargestStrain(OneMeasure):
 
 
 class LargestField(OneMeasure):
-    """Strongest field at the body at any time, T."""
+    """Strongest field at any particle of the body at any time, T."""
 
     kind: ClassVar[str | None] = "flux density"
     unit: ClassVar[str] = "T"
-    before: ClassVar[bool] = True
+
+    def before(self, scene: Scene) -> bool:
+        return not scene.field.varies
 
     def of_answer(self, answer: Answer, at: str) -> float:
         return float(answer.field[1].max())
 
 
 class FieldEnergy(OneMeasure):
-    """Integral of B^2 over time at the body, T^2 s; of an equilibrium B^2, T^2."""
+    """Integral of B^2 over time, where it is strongest at the body, T^2 s; of an equilibrium B^2, T^2."""
 
     unit: ClassVar[str] = "T^2 s"
-    before: ClassVar[bool] = True
+
+    def before(self, scene: Scene) -> bool:
+        return not scene.field.varies
 
     def of_answer(self, answer: Answer, at: str) -> float:
         times, strength = answer.field
@@ -326,7 +340,9 @@ class MagnetizedVolume(OneMeasure):
     """Volume of what is magnetized, m^3."""
 
     unit: ClassVar[str] = "m^3"
-    before: ClassVar[bool] = True
+
+    def before(self, scene: Scene) -> bool:
+        return True
 
     def of_answer(self, answer: Answer, at: str) -> float:
         magnetized = np.linalg.norm(answer.model.remanence[:, :3], axis=1) > 0.0
@@ -481,15 +497,13 @@ class Measure(Settings):
                 else "choose that, or add it to `solver.quasi_static.at`",
             )
 
-    @property
-    def smooth(self) -> bool:
+    def smooth(self, scene: Scene) -> bool:
         """True if it has derivatives at rest: of the equilibrium, or as it is known without a run."""
-        return self.python is None and (issubclass(KINDS[self.name], Smooth) or self.before)
+        return self.python is None and (issubclass(KINDS[self.name], Smooth) or self.before(scene))
 
-    @property
-    def before(self) -> bool:
-        """True if it is known before the run, where the field is the same everywhere."""
-        return self.python is None and KINDS[self.name].before
+    def before(self, scene: Scene) -> bool:
+        """True if it is known before a scene's run."""
+        return self.python is None and bool(getattr(self, self.name).before(scene))
 
     def of_answer(self, answer: Answer, at: str, folder: Path) -> float:
         """The number, in SI. Raises InputError, or MagmpmError where a user's function fails."""

@@ -12,6 +12,8 @@ from goal_study import SCENE, STUDY, plain, searched, written
 from jsonschema import Draft202012Validator
 from optuna.distributions import FloatDistribution
 from reference.moving import block, moving_scene
+from reference.parts import parts_scene
+from reference.solids import box
 
 import magmpm
 from magmpm.errors import InputError
@@ -111,6 +113,78 @@ def test_measures_of_a_motion(fallen: Answer) -> None:
 def test_wrong_measures_are_refused(bent: Answer, measure: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError, match=told):
         measured(bent, **measure)
+
+
+def test_a_moment_between_two_frames_is_neither(fallen: Answer) -> None:
+    """A fall of g t^2 / 2, at the middle between two frames; they are stored in single precision of 1e-10 m."""
+    t = 0.5 * (fallen.times[20] + fallen.times[21])
+    fall = measured(fallen, travel={"along": [0.0, 0.0, 1.0], "to": t})
+    assert fall == pytest.approx(-0.5 * 9.81 * t**2, abs=2e-9)
+
+
+def test_a_pulse_is_the_largest_field(tmp_path: Path) -> None:
+    """It is shorter than a thousandth of the time; a vibration whose thousand samples are all zero is seen, too."""
+    pulse = [(0.0, 0.0), (0.01, 0.0), (0.010002, 4.0), (0.010004, 0.0), (0.02, 1.0)]
+    over: Any = {"keyframes": [{"time": t, "strength": of} for t, of in pulse]}
+    seen = moving_scene(block((2e-3, 2e-3, 2e-3)), {"magnetic_torque": {}}, duration=0.02)
+
+    def answer() -> Answer:
+        field = {"uniform": [3e-3, 0.0, 4e-3], "over_time": over}
+        return Answer(Scene.from_si({**seen.to_si(), "field": field}), None)
+
+    assert measured(answer(), largest_field={}) == pytest.approx(20e-3, rel=1e-9)
+    over = {"oscillation": {"frequency": 999 / 0.02}}
+    assert measured(answer(), largest_field={}) == pytest.approx(5e-3, rel=1e-9)
+    assert measured(answer(), field_energy={}) == pytest.approx(12.5e-6 * 0.02, rel=1e-3)
+
+
+def test_the_largest_field_of_a_magnet_is_that_at_the_nearest_particle() -> None:
+    """Of a dipole on the axis of a straight rod: mu0 m / (2 pi r^3) at its end, and half of a cell before it at least."""
+    data = plain(SCENE)
+    data["body"]["catheter"]["segments"] = [{"magnetization": [0.0, 0.0, 0.0]}]
+    data["field"] = {
+        "dipole": [{"position": ["45 mm", "0 mm", "0 mm"], "moment": ["1 A*m^2", 0.0, 0.0]}]
+    }
+    data["effects"] = {"magnetic_torque": {}, "magnetic_force": {}}
+    scene = Scene.from_si(data)
+    found = measured(Answer(scene, run(scene)), largest_field={})
+    assert 2e-7 / 26e-3**3 < found < 2e-7 / 25e-3**3
+
+
+def test_two_parts_that_have_left_each_other_press_no_more(tmp_path: Path) -> None:
+    """A block that bounces: its pair has rows only while it touches. Either order is its name, and no other."""
+    scene = parts_scene(
+        tmp_path,
+        {
+            "plate": box((-4e-3, -2e-3, -2e-3), (4e-3, 2e-3, 0.0)),
+            "block": box((-1.5e-3, -1.5e-3, 0.3e-3), (1.5e-3, 1.5e-3, 3e-3)),
+        },
+        {"gravity": {"acceleration": [0.0, 0.0, -40.0]}, "self_contact": {}},
+        1e-3,
+        held=("plate",),
+        solver={"dynamic": {"duration": 7e-3, "output_every": 0.2e-3}},
+    )
+    result = run(scene, folder=tmp_path / "out")
+    answer = Answer(scene, result, Motion.load(tmp_path / "out"))
+    for pair in ("self_contact: plate, block", "self_contact: block, plate"):
+        assert measured(answer, contact_force={"with": pair}) > 1e-3
+        assert measured(answer, contact_force={"with": pair, "over": "last"}) == 0.0
+    for wrong in ("self_contact", "self_contact: plate, blokc"):
+        with pytest.raises(InputError, match="self_contact: plate, block"):
+            measured(answer, contact_force={"with": wrong})
+
+
+def test_a_bound_of_a_magnets_field_has_no_derivative(tmp_path: Path) -> None:
+    """It is known by a run alone; of a field that is the same everywhere before it, with its derivative."""
+    near = "{dipole: {position: [60 mm, 0 mm, 0 mm], moment: [1 A*m^2, 0 A*m^2, 0 A*m^2]}}"
+    scene = SCENE.replace("{uniform: [0 mT, 0 mT, 4 mT]}", near)
+    scene = scene.replace("magnetic_torque: {}", "magnetic_torque: {}, magnetic_force: {}")
+    study = STUDY.replace("field.uniform[2]", "field.dipole[0].position[2]").replace("mT", "mm")
+    study = study.replace("sampler: tpe\n", "subject_to: [{largest_field: {}, at_most: 20 mT}]\n")
+    found = searched(tmp_path, study, scene, trials=2)
+    assert not found.failed
+    assert found.best is not None
+    assert load_goal(tmp_path / "study.yaml").sampler == "tpe"
 
 
 def test_stability_is_that_of_an_equilibrium(fallen: Answer) -> None:

@@ -107,14 +107,22 @@ def test_a_body_falls_as_fast_as_the_law_says(
     assert -speed[along] == pytest.approx(law, rel=3e-3)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", [*BODIES, "tube"])
 def test_a_body_sets_off_with_the_fluid_it_carries_along(name: str) -> None:
-    """(rho V + C_a rho_f V_a) a = (rho - rho_f) g V, with V_a the cylinder around a plate's width: before drag counts."""
-    body, _ = BODIES[name]
+    """(rho V + C_a rho_f V_a) a = (rho - rho_f) g V, with V_a the cylinder around a plate's width: before drag counts.
+
+    A tube also carries all of the fluid in its bore (Paidoussis 1998, section 3.3).
+    """
+    bore = 0.7 * ROD["diameter"] if name == "tube" else 0.0
+    body, _ = BODIES[name if name in BODIES else "rod"]
+    if bore:
+        body = {"catheter": body["catheter"] | {"inner_diameter": bore}}
     length, b = (PLATE["length"], PLATE["width"]) if name == "plate" else tuple(ROD.values())
-    carried = (1 - 0.45 * b / length) * WATER["density"] * math.pi / 4 * b**2 * length
-    mass = RHO * VOLUME[name] + carried
-    wanted = (RHO - WATER["density"]) * EARTH * VOLUME[name] / mass
+    inside = math.pi / 4 * bore**2 * length
+    volume = VOLUME[name if name in BODIES else "rod"] - inside
+    around = (1 - 0.45 * b / length) * math.pi / 4 * b**2 * length
+    mass = RHO * volume + WATER["density"] * (around + inside)
+    wanted = (RHO - WATER["density"]) * EARTH * volume / mass
     state = begin(build(falling(body, WATER, 2)))
     interval(state, 1e-3)  # far longer than a wave takes through it
     v = state.motion.particles()[1]

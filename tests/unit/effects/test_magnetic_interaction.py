@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.motions import bent
+from reference.moving import resting_scene
 from reference.scenes import rod_scene
 from reference.taylor import slopes
 
@@ -14,6 +15,7 @@ from magmpm.effects.base import MarkedParticles
 from magmpm.errors import InputError
 from magmpm.model import Model, build
 from magmpm.scene import Scene
+from magmpm.solving.influence import variants
 from magmpm.statics import axis
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
@@ -187,3 +189,14 @@ def test_too_many_blocks_are_refused() -> None:
         InputError, match=r"blocks_across: received 5; the segments make [3-9]\d\d\d blocks"
     ):
         build(scene([X] * 20, across=5, cells=5))
+
+
+def test_in_plane_strain_it_is_refused() -> None:
+    """Its dipoles are as wide as the strip, and what has no end along y has another field: tips would move with the width."""
+    sizes = {"length": 12e-3, "width": 4e-3, "thickness": 1e-3, "material": "m"}
+    segments = [{"magnetization": [0, 0, 1]}, {"magnetization": [1, 0, 0]}]
+    strip = {"strip": {**sizes, "segments": segments, "plane_strain": True}}
+    with pytest.raises(InputError, match="no end along y"):
+        resting_scene(strip, {"magnetic_interaction": {}})
+    alone = resting_scene(strip, {"gravity": {}})
+    assert isinstance(variants(alone, "magnetic_interaction"), str)

@@ -250,6 +250,20 @@ def test_the_bulk_modulus_of_a_slender_strip(tmp_path: Path) -> None:
     assert apart[1] == pytest.approx(0.09 * apart[0], rel=0.1)
 
 
+def test_what_tells_when_a_path_ends_moves_its_last_step(tmp_path: Path) -> None:
+    """Equal steps up to the end of a ramp end in its whole field, however long it takes; a time that is given stays."""
+    ramp = CATHETER + RAMP + "solver: {quasi_static: {steps: 2}}\n"
+    data = yaml.safe_load(MATERIALS) | yaml.safe_load(ramp)
+    scene = validate(Scene, data, tmp_path / "scene.yaml")
+    data["solver"] = {"quasi_static": {"at": ["0 s", "0.5 s"]}}
+    within = validate(Scene, data, tmp_path / "scene.yaml")
+    for one, moves in ((scene, False), (within, True)):
+        found = magmpm.sensitivities(one, ["field.over_time.ramp.duration"])
+        tip = differences(one, found.variables[0], h=1e-3)[1]
+        assert (np.linalg.norm(tip) > 1e-4) == moves
+        assert found.tip[:, 0] == pytest.approx(tip, abs=1e-7)
+
+
 @pytest.mark.slow
 def test_numbers_of_parts_by_their_addresses(tmp_path: Path) -> None:
     scene = scene_of("parts", tmp_path)
