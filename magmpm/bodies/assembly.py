@@ -39,6 +39,7 @@ from magmpm.bodies.surface_mesh import (
     PREFIX,
     distance_to,
     gap,
+    hollow,
     nearest_solids,
     outline,
     overlaps,
@@ -279,6 +280,10 @@ class Parts(BodyShape):
         far = [unit * (distance_to(self.meshes[i].mesh, point / unit, small) + small) for i in free]
         nearest = int(np.argmin(far))
         return (0.0 if far[nearest] <= unit * small else far[nearest]), free[nearest]
+
+    def hollow_parts(self) -> list[str]:
+        names = self.part_names()
+        return [names[k] for k in hollow([part.mesh for part in self.meshes])]
 
     def part_names(self) -> tuple[str, ...]:
         return different_names([part.name for part in self.meshes])

@@ -146,6 +146,10 @@ class BodyShape(Settings):
         """Part of the body that each particle (n,) is in; a body that is not made of parts is one."""
         return np.zeros(len(particles.volume), np.int64)
 
+    def hollow_parts(self) -> list[str]:
+        """Names of parts with a closed cavity in which there is nothing."""
+        return []
+
     def part_names(self) -> tuple[str, ...]:
         """Names of its parts, each another; none of a body that is not made of parts."""
         return ()

@@ -192,7 +192,7 @@ def solids_of(vertices: Array, faces: Index) -> list[Manifold]:
     found = sorted(
         (shell for shell in shells if shell.volume() > least), key=lambda shell: shell.volume()
     )
-    for cavity in (_outward(shell) for shell in shells if shell.volume() < -least):
+    for cavity in (facing_outward(shell) for shell in shells if shell.volume() < -least):
         for k, solid in enumerate(found):  # the smallest around it first
             if (solid ^ cavity).volume() > (1 - TOLERANCE) * cavity.volume():
                 found[k] = solid - cavity
@@ -234,7 +234,7 @@ def overlapping_boxes(solids: Sequence[Manifold]) -> list[tuple[int, int]]:
     ]
 
 
-def _outward(shell: Manifold) -> Manifold:
+def facing_outward(shell: Manifold) -> Manifold:
     """The solid within a shell, whichever way it faces."""
     if shell.volume() >= 0:
         return shell
@@ -245,7 +245,7 @@ def _outward(shell: Manifold) -> Manifold:
 def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
     """Rule and remedy where a shell is misplaced, as of `shell_fault`; else None."""
     volume = np.array([shell.volume() for shell in shells])
-    solids = [_outward(shell) for shell in shells]
+    solids = [facing_outward(shell) for shell in shells]
     around = np.zeros(
         len(shells)
     )  # how often a point just outside of each shell is inside of others

@@ -25,6 +25,7 @@ from magmpm.bodies.shells import (
     SAME_VERTEX,
     MeshError,
     doubled,
+    facing_outward,
     overlapping_boxes,
     place,
     shell_fault,
@@ -376,6 +377,21 @@ def overlaps(texts: Sequence[str]) -> Iterator[tuple[int, int, float, float]]:
     solids = [_stored_solid(text) for text in texts]
     for i, j in overlapping_boxes(solids):
         yield i, j, (solids[i] ^ solids[j]).volume(), min(solids[i].volume(), solids[j].volume())
+
+
+def hollow(texts: Sequence[str], least: float = 1e-3) -> Iterator[int]:
+    """Numbers of the stored meshes with a cavity of which the others leave at least this share empty."""
+    solids = [_stored_solid(text) for text in texts]
+    for k, solid in enumerate(solids):
+        for shell in solid.decompose():
+            if shell.volume() > 0.0:
+                continue
+            cavity = facing_outward(shell)
+            empty = cavity
+            for other in solids[:k] + solids[k + 1 :]:
+                empty -= other
+            if empty.volume() > least * cavity.volume():
+                yield k
 
 
 @lru_cache(maxsize=256)

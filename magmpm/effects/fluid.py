@@ -41,6 +41,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere
 from magmpm.effects.base import Effect, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
+from magmpm.errors import SceneError
 from magmpm.inputs.settings import Quantity, fault
 from magmpm.inputs.vectors import three
 
@@ -154,6 +155,16 @@ class Fluid(Effect):
         """Largest stable step (s), as of viscous stress: 0.9 over the fastest decay of slow motion (effects.viscosity)."""
         rate = model.slowed(self.law(model.wetted.surface)[:, 2:4].max(axis=1))
         return 0.9 / rate if rate > 0.0 else None
+
+    def check(self, model: Any) -> None:
+        """Raises SceneError for a part with a closed cavity: whether it is full of the fluid, nothing says."""
+        for name in model.scene.body.shape.hollow_parts():
+            raise SceneError(
+                "effects.fluid",
+                found=f"{name} has a closed cavity",
+                rule="what a fluid lifts and carries is the material, and in a cavity there is none",
+                remedy="fill the cavity with a part of its own, or leave it out of the mesh",
+            )
 
     def warnings(self, scene: SceneLike) -> list[str]:
         """Warn of a fluid without weight."""

@@ -224,8 +224,8 @@ def _at_address(scene: Scene, address: str) -> list[Variable]:
         if not _differentiable(place):
             _refuse(
                 name,
-                "it has no derivative: it changes the body's shape or grid, or has no effect at "
-                "rest",
+                "it has no derivative: it changes the body's shape or grid, has no effect at rest, "
+                "or makes a stream",
                 "name `length` or `diameter`, or numbers of `field`, `effects`, `materials` or a "
                 "magnetization",
             )
@@ -263,6 +263,8 @@ def _differentiable(place: Place) -> bool:
     """True if a number at a place changes the loads and stresses of a body, and nothing of its grid."""
     if place[0] == "body":
         return any(str(key).startswith("magnetization") for key in place)
+    if place[:2] == ("effects", "fluid"):  # a still one has no drag, whose derivative is not zero
+        return place[2] not in ("velocity", "mean_speed")
     return place[0] in ("field", "effects", "materials")
 
 

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from reference.dynamics import Total
 from reference.moving import moving_scene, resting_scene
+from reference.parts import parts_scene
 from reference.solids import ball
 from scipy.optimize import brentq
 
-from magmpm.bodies.surface_mesh import write_stl
+from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.dynamics.time_loop import begin, interval
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.fluid import stream
+from magmpm.errors import SceneError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -154,6 +156,23 @@ def test_a_ball_of_a_mesh_sinks_as_stokes_says(tmp_path: Path) -> None:
     v = state.motion.particles()[1]
     speed = np.average(v, axis=0, weights=state.motion.model.particles.volume)
     assert -speed[2] == pytest.approx(law, rel=0.02)  # of which the polyhedron has 1 %
+
+
+def test_a_closed_cavity_is_refused(tmp_path: Path) -> None:
+    """A hollow ball floats by what is in it, which its mesh does not say; one that another part fills is as good as full."""
+    outer = ball((0.0, 0.0, 0.0), 3e-3)
+    core = ball((0.0, 0.0, 0.0), 1.5e-3)
+    faces = np.concatenate([outer.faces, core.faces[:, ::-1] + len(outer.vertices)])
+    shell = Mesh(np.concatenate([outer.vertices, core.vertices]), faces)
+
+    def scene(**meshes: Mesh) -> Scene:
+        return parts_scene(tmp_path, meshes, {"gravity": {}, "fluid": WATER}, 0.7e-3)
+
+    with pytest.raises(SceneError, match=r"effects.fluid: shell has a closed cavity"):
+        build(scene(shell=shell))
+    full = build(scene(shell=shell, core=core)).wetted.surface
+    whole = build(scene(whole=outer)).wetted.surface
+    assert full.size.sum() == pytest.approx(whole.size.sum(), rel=1e-9)
 
 
 SHAPES = {

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from reference.differences import STEPS, differences, solution, tight
+from reference.moving import resting_scene
 from reference.solids import box
 from scipy.linalg import eigh
 
@@ -15,7 +16,7 @@ from magmpm.bodies.surface_mesh import write_stl
 from magmpm.inputs.settings import validate
 from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene
-from magmpm.scene.variables import KINDS, check_differentiable, tangents
+from magmpm.scene.variables import KINDS, check_differentiable, tangents, variables
 from magmpm.solving import solve
 from magmpm.statics.changes import touched_by
 from magmpm.statics.energy import Energy
@@ -287,6 +288,17 @@ def test_addresses_without_a_derivative_are_refused(
 ) -> None:
     with pytest.raises(magmpm.InputError, match=told):
         magmpm.sensitivities(scene_of("catheter", tmp_path), [address])
+
+
+def test_a_stream_that_is_not_there_yet_has_no_derivative() -> None:
+    """Drag grows with the speed of the slowest stream, and is no load that a still fluid has."""
+    still = {"gravity": {}, "fluid": {"density": 1000.0, "viscosity": 1e-3}}
+    rod = {"length": 20e-3, "diameter": 4e-3, "material": "m", "segments": [{}]}
+    scene = resting_scene({"catheter": rod}, still)
+    (found,) = variables(scene, ["effects.fluid.density"])
+    assert found.unit == "kg/m^3"
+    with pytest.raises(magmpm.InputError, match="makes a stream"):
+        variables(scene, ["effects.fluid.velocity[1]"])
 
 
 @pytest.mark.parametrize(
