@@ -61,6 +61,13 @@ class DoneRun:
         result = self.result
         return float(np.abs(result.particle_position - result.particle_reference).max())
 
+    def on(self, cells: int) -> Solved:
+        """The run as that of a grid."""
+        of = self.result
+        return Solved(
+            cells, True, self.seconds, of.iterations, of.dof, of.centreline, of.tip, self.moved
+        )
+
 
 class Runs(Grids):
     """Whole runs of a scene, and of others that differ from it, each done once: along time, or of bodies that are not straight."""
@@ -88,6 +95,8 @@ class Runs(Grids):
         found = self._answers[key]
         if isinstance(found, MagmpmError):
             raise found
+        if key[0] == self.scene.hash():
+            self.solved.setdefault(across, found.on(across))
         return found
 
     def made(self, scene: Scene, cells: int) -> Scene:
@@ -96,8 +105,6 @@ class Runs(Grids):
 
     def solve(self, cells: int) -> None:
         """Run the scene, if it has not been."""
-        if cells in self.solved:
-            return
         begun = time.perf_counter()
 
         def tell(step: int, at: float) -> None:
@@ -105,18 +112,7 @@ class Runs(Grids):
             if self.on_step is not None:
                 self.on_step(step, at)
 
-        found = self.answer(cells=cells, on_progress=tell)
-        result = found.result
-        self.solved[cells] = Solved(
-            cells,
-            True,
-            found.seconds,
-            result.iterations,
-            result.dof,
-            result.centreline,
-            result.tip,
-            found.moved,
-        )
+        self.answer(cells=cells, on_progress=tell)
 
     def frames_on(self, cells: int) -> Frames:
         """Frames of the answer on so many cells across."""
@@ -124,9 +120,8 @@ class Runs(Grids):
 
     def times(self, cells: int) -> float:
         """Cost of a run on a grid together with its error, over that of the run alone."""
-        return 1.0 + sum(work(self.on(n)) for n in needed_for(self.scene, cells)) / work(
-            self.on(cells)
-        )
+        more = sum(self.effort(n) for n in needed_for(self.scene, cells))
+        return 1.0 + more / self.effort(cells)
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
         """Raise SceneError at a time (s) of the first grid's motion, `gone` s after it began, if the error requested will take too long."""
@@ -185,10 +180,11 @@ class Runs(Grids):
             )
         ]
 
-    def takes(self, cells: int, proof: bool) -> float:
-        """Seconds, from those of the finest grid that was run."""
-        last = max(self.solved)
-        return self.solved[last].seconds * work(self.on(cells)) / work(self.on(last))
+    def effort(self, cells: int, steps: float = 1.0) -> float:
+        """Multiply-adds of a Newton step; of a motion particles times steps, which are as many as the cells allow."""
+        scene = self.on(cells)
+        particles = memory.fewest_particles(scene)
+        return operations(scene)[0] + PARTICLE * particles if scene.static else particles * cells
 
     def size(self, cells: int) -> float:
         """Bytes of the matrix, or of particles and grid."""
@@ -330,13 +326,6 @@ def _check_comparable(one: Scene, other: Scene, of: str) -> None:
 def _compared_by(names: list[str] | None) -> str:
     """Points that a body is compared by, in words."""
     return "a straight body" if names is None else f"parts {', '.join(names)}"
-
-
-def work(scene: Scene) -> float:
-    """Multiply-adds of a Newton step; of a motion particles times steps, both in units of their own."""
-    if scene.static:
-        return operations(scene)[0] + PARTICLE * memory.fewest_particles(scene)
-    return memory.fewest_particles(scene) * scene.resolution.cells_across
 
 
 def grids_of(scene: Scene) -> Grids:

@@ -86,8 +86,15 @@ class Grids(ABC):
         """The largest distance (m) between the answers of two grids, where errors are meant."""
 
     @abstractmethod
+    def effort(self, cells: int, steps: float) -> float:
+        """What a run on a grid takes, in multiply-adds or a unit of its own; steps: factorizations, of single equilibria."""
+
     def takes(self, cells: int, proof: bool) -> float:
-        """Seconds that solving or proving will take on a grid, foretold from those solved."""
+        """Seconds that solving or proving will take on a grid, at the better pace of the last two that were solved."""
+        last = list(self.solved.values())[-2:]
+        pace = min(one.seconds / self.effort(one.cells, one.steps) for one in last)
+        # a proof takes one factorization, and now and then a solve; a solve three, with its stability
+        return pace * self.effort(cells, 1.3 if proof else 3.0)
 
     @abstractmethod
     def size(self, cells: int) -> float:
@@ -157,27 +164,14 @@ class Equilibria(Grids):
         """The largest distance (m) between the axes, or the tips, of two grids."""
         return distance(self._points[coarse], self._points[fine])
 
-    def takes(self, cells: int, proof: bool) -> float:
-        """Seconds, from counted operations and particles, at the pace of the last grids solved."""
-        multiplied = operations(self.on(cells))[0]
+    def effort(self, cells: int, steps: float) -> float:
+        """Counted operations and particles, of the steps and of building the model."""
         weight = PARTICLE * memory.fewest_particles(self.on(cells))
-        factorizations = (
-            1.3 if proof else 3.0
-        )  # a proof takes one, and now and then a solve; a solve three, with its stability
-        return min(map(self._pace, list(self.solved.values())[-2:])) * (
-            factorizations * (multiplied + weight) + BUILDING * weight
-        )
+        return steps * (operations(self.on(cells))[0] + weight) + BUILDING * weight
 
     def size(self, cells: int) -> float:
         """Bytes of the matrix."""
         return operations(self.on(cells))[1]
-
-    def _pace(self, one: Solved) -> float:
-        """Seconds of a solved grid per multiply-add."""
-        weight = PARTICLE * memory.fewest_particles(self.on(one.cells))
-        return one.seconds / (
-            one.steps * (operations(self.on(one.cells))[0] + weight) + BUILDING * weight
-        )
 
     def _nearest(self, cells: int) -> int | None:
         """The finest grid that is solved and not finer."""

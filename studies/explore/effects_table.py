@@ -19,7 +19,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects
-from magmpm.solving.influence import Variants, advise, has_densities, motion_seconds
+from magmpm.solving.influence import Variants, advise, has_densities
 from magmpm.studies.explore.effects_costs import costs
 
 
@@ -37,19 +37,11 @@ class Need:
 def needs(scene: Scene, runs: Variants) -> list[Need]:
     """Answers to whether a scene needs three dimensions and dynamics, in seconds saved and error added.
 
-    Seconds are of a run on two cores of about 2.7 GHz, to a factor of two (docs/design.md has the rates); errors are told from runs on
-    coarse grids (magmpm.solving.influence).
+    Seconds are told from those of the runs on coarse grids (Grids.takes), to a factor of two or three; errors by how far these are apart.
     """
-    cost = seconds(scene)
     rod = scene.body.shape.line is not None and (not scene.static or is_cantilever(scene))
-    three = _need(
-        "three dimensions",
-        scene,
-        runs,
-        "" if rod else "the body is no rod",
-        _three_dimensions,
-        cost - 0.005,
-    )
+    no_rod = "" if rod else "the body is no rod"
+    three = _need("three dimensions", scene, runs, no_rod, _three_dimensions)
     if scene.solver.dynamic is None:
         return [three, Need("dynamics", False, 0.0, 0.0, "the scene asks for equilibria")]
     held = " and ".join(
@@ -60,8 +52,7 @@ def needs(scene: Scene, runs: Variants) -> list[Need]:
     if scene.body.shape.line is None or scene.body.shape.clamp == "none":
         held = held or "such a body"
     refused = f"{held}: equilibria may miss how it gets there" if held else ""
-    saved = cost - 9 * _solve(scene, scene.resolution.cells_across)
-    return [three, _need("dynamics", scene, runs, refused, _dynamics, saved)]
+    return [three, _need("dynamics", scene, runs, refused, _dynamics)]
 
 
 def _need(
@@ -69,31 +60,29 @@ def _need(
     scene: Scene,
     runs: Variants,
     refused: str,
-    off: Callable[[Scene, Variants], tuple[float, str]],
-    saved: float,
+    off: Callable[[Scene, Variants], tuple[float, float, str]],
 ) -> Need:
-    """The answer to a question, by how far the scene is off without (m, and in words); refused: why it can't be done without."""
+    """The answer to a question, by how far the scene is off without (m), what it would still take (s), and words; refused: why not."""
     if refused:
         return Need(question, True, 0.0, None, refused)
     if runs.duration < scene.duration:
         return Need(question, None, None, None, "not estimated: a whole run takes too long")
     try:
-        far, why = off(scene, runs)
+        far, left, why = off(scene, runs)
     except MagmpmError as failure:
         return Need(question, None, None, None, f"not estimated: {failure}")
-    return Need(
-        question, not far < runs.error, max(saved, 0.0) if far < runs.error else 0.0, far, why
-    )
+    if not far < runs.error:
+        return Need(question, True, 0.0, far, why)
+    return Need(question, False, max(_seconds(scene, runs) - left, 0.0), far, why)
 
 
-def seconds(scene: Scene) -> float:
-    """About what a run takes, s."""
-    if scene.solver.dynamic is not None:
-        return motion_seconds(scene)
-    return _solve(scene, scene.resolution.cells_across) * max(1, len(scene.path_times()))
+def _seconds(scene: Scene, runs: Variants) -> float:
+    """About what the whole run takes on the scene's cells, s, at the pace of the coarse runs, which have fewer moments of a path."""
+    moments = len(scene.path_times()) / len(runs.frames(scene).times) if scene.path_times() else 1.0
+    return moments * runs.takes(scene.resolution.cells_across, proof=False)
 
 
-def _three_dimensions(scene: Scene, runs: Variants) -> tuple[float, str]:
+def _three_dimensions(scene: Scene, runs: Variants) -> tuple[float, float, str]:
     """A rod would do where what it is off by is less than the error: measured at rest, else guessed from how far the body bends."""
     measured = not scene.in_time
     shapes = np.array(runs.frames(scene, int(measured)).points)
@@ -105,7 +94,8 @@ def _three_dimensions(scene: Scene, runs: Variants) -> tuple[float, str]:
         else f"a rod {how}"
     )
     flat = "; the axis stays in a plane" if _out_of_plane(shapes) < runs.error else ""
-    return off, f"{why} off by {1e3 * off:.2g} mm{flat} (L/D {scene.length / scene.thickness:.3g})"
+    slender = f"(L/D {scene.length / scene.thickness:.3g})"
+    return off, 0.0, f"{why} off by {1e3 * off:.2g} mm{flat} {slender}"
 
 
 def _off(scene: Scene, runs: Variants, axis: Array) -> float:
@@ -122,7 +112,7 @@ def _guessed(scene: Scene, shapes: Array) -> float:
     return (0.005 + 0.3 * across / scene.length) * _moved(shapes)
 
 
-def _dynamics(scene: Scene, runs: Variants) -> tuple[float, str]:
+def _dynamics(scene: Scene, runs: Variants) -> tuple[float, float, str]:
     """Equilibria along time would do where the field changes slowly for the body's first period, and the body does not swing."""
     moving = runs.frames(scene)
     data = scene.to_si()
@@ -133,29 +123,12 @@ def _dynamics(scene: Scene, runs: Variants) -> tuple[float, str]:
             None if kind.ONLY_IN_MOTION and not kind.ALONG_TIME else data["effects"][key]
         )
     still = Scene.from_si(data)
-    off = max(moving.distances(Variants(still).frames(still)).values())
-    good = off < runs.error
-    return (
-        off,
-        (
-            "equilibria along time (solver.quasi_static) would do"
-            if good
-            else "the body swings, or lags behind its equilibria"
-        ),
-    )
-
-
-def _solve(scene: Scene, cells: int) -> float:
-    """About what an equilibrium of the scene's body takes with so many cells across, s; of a strip, with its width."""
-    strip = scene.body.strip
-    wide = (
-        1.0
-        if strip is None or strip.plane_strain
-        else max(1.0, (strip.width / strip.thickness) ** 1.7)
-    )
-    return (
-        0.1 * (cells / 4) ** 3.6 * scene.length / (10 * scene.thickness) * wide
-    )  # 0.1 s at 4 cells across and L/D 10
+    resting = Variants(still)
+    off = max(moving.distances(resting.frames(still)).values())
+    if off < runs.error:
+        why = "equilibria along time (solver.quasi_static) would do"
+        return off, _seconds(still, resting), why
+    return off, 0.0, "the body swings, or lags behind its equilibria"
 
 
 def _moved(shapes: Array) -> float:
