@@ -20,9 +20,10 @@ from magmpm.errors import InputError, length, require
 from magmpm.inputs.yaml_document import of_file
 from magmpm.results import notices
 from magmpm.scene import Scene, load_scene
+from magmpm.solving.influence import EffectRow
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial
-from magmpm.studies.explore.effects_table import EffectRow, EffectsTable, survey
+from magmpm.studies.explore.effects_table import EffectsTable, survey
 from magmpm.studies.fitting.search import Fit
 from magmpm.studies.goals.goal_study import has_goal, load_goal
 from magmpm.studies.goals.report import GoalReport

@@ -6,7 +6,7 @@ from typing import Any
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.rod.cantilever import is_cantilever, weight_in_motion
 from magmpm.scene import Scene
-from magmpm.solving.influence import Advice, Variants, advise, variants
+from magmpm.solving.influence import EffectRow, Variants, advise, variants
 from magmpm.statics.unnamed_loads import SURE, missed
 
 TRIED_LAST = (
@@ -35,7 +35,7 @@ def choose_effects(scene: Scene) -> EffectsChoice:
     for key in bare.effects.every():
         both = variants(bare, key)
         if isinstance(both, str):
-            found[key] = Advice(key, False, 0.0, 0.0, "irrelevant", both)
+            found[key] = EffectRow(key, False, 0.0, 0.0, "irrelevant", both)
         else:
             possible.append(key)
     every: dict[str, Any] = {key: {} for key in possible if key not in TRIED_LAST}
@@ -61,25 +61,24 @@ def choose_effects(scene: Scene) -> EffectsChoice:
         {
             "effect": key,
             "chosen": key in chosen,
-            "shift_m": one.shift,
-            "uncertainty_m": one.uncertainty,
+            "shift_m": one.shift_m,
+            "uncertainty_m": one.uncertainty_m,
             "why": one.why,
         }
-        for key, one in sorted(
-            found.items(), key=lambda item: list(bare.effects.every()).index(item[0])
-        )
+        for key in bare.effects.every()
+        for one in [found[key]]
     ]
     return EffectsChoice(bare.with_effects(**{key: {} for key in chosen}), reasons)
 
 
-def _together(full: Scene, left: list[str], found: dict[str, Advice]) -> list[str]:
+def _together(full: Scene, left: list[str], found: dict[str, EffectRow]) -> list[str]:
     """Effects to choose after all, of those left out one by one, where all of them together move the answer by more than it may.
 
     From the one with the largest shift on, until the rest moves it by less. What is found of them is noted.
     """
     left = sorted(
         (key for key in left if getattr(full.effects, key) is not None),
-        key=lambda key: -(found[key].shift or 0.0),
+        key=lambda key: -(found[key].shift_m or 0.0),
     )
     if len(left) < 2:
         return []
@@ -106,7 +105,7 @@ def _together(full: Scene, left: list[str], found: dict[str, Advice]) -> list[st
 
 def _advised(
     bare: Scene, every: dict[str, Any], possible: list[str]
-) -> tuple[Scene, dict[str, Advice]]:
+) -> tuple[Scene, dict[str, EffectRow]]:
     """The scene with every possible effect, and the advice on them in it."""
     full = bare.with_effects(**every)
     runs = Variants(full)

@@ -5,7 +5,6 @@ settings, where it has them. Runs with one cell more tell what the grid adds to 
 take hundredths of a second, and elsewhere where the advice depends on it.
 """
 
-import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,12 +13,12 @@ import numpy as np
 from magmpm.effects import acting
 from magmpm.effects.base import Effect
 from magmpm.effects.self_contact import gap
-from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
+from magmpm.errors import InputError, MagmpmError, SceneError, SolveError, significant
 from magmpm.model import build
 from magmpm.results.measures import Frames
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.solving.several_grids import Runs
+from magmpm.solving.several_grids import Runs, shortest_crossing
 
 NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 # of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
@@ -54,15 +53,32 @@ class Shift:
 
 
 @dataclass(frozen=True)
-class Advice:
-    """Advice on one effect: shift of the scene's answer, m, with its uncertainty, m (None: not known), what to do, and why, as text."""
+class EffectRow:
+    """One effect.
+
+    shift_m: the farthest that any point of the body's axis moves in the scene's answer, be it an equilibrium, equilibria along time or a
+    motion, with the effect against without it; None: not known. uncertainty_m: of that. cost_percent: of a step without any effect; None
+    if the effect takes no part in a step or was not measured.
+    """
 
     effect: str
     named: bool
-    shift: float | None
-    uncertainty: float | None
+    shift_m: float | None
+    uncertainty_m: float | None
     advice: Word
     why: str
+    cost_percent: float | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"Influence of {self.effect}: {in_mm(self.shift_m)} mm +- {in_mm(self.uncertainty_m)}"
+            f" mm; {self.advice}: {self.why}"
+        )
+
+
+def in_mm(way: float | None) -> str:
+    """A distance (m) as a table has it."""
+    return "-" if way is None else significant(1e3 * way)
 
 
 class Variants(Runs):
@@ -143,19 +159,13 @@ class Variants(Runs):
 
 def motion_seconds(scene: Scene) -> float:
     """About what a motion takes on the scene's grid, s."""
-    used = [scene.materials[region.material_name] for region in scene.regions()]
-    wave = max(
-        math.sqrt(m.shear_modulus * (m.bulk_to_shear + 4 / 3) / (m.density or math.inf))
-        for m in used
-    )
     low, high = scene.box()
     particles = (
         float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
     )
-    # a step takes 0.72 of the time of a pressure wave through a cell
-    step = min(
-        [0.72 * scene.cell / wave, *acting.stable_steps(build(scene)).values()]
-    )  # viscosity asks for short ones
+    # a step takes 0.72 of the time of a pressure wave through a cell; viscosity asks for shorter ones
+    steps = acting.stable_steps(build(scene)).values()
+    step = min([0.72 * shortest_crossing(scene)[1], *steps])
     return particles * scene.duration / step / RATE
 
 
@@ -220,12 +230,12 @@ def has_densities(scene: Scene) -> bool:
     )
 
 
-def advise(scene: Scene, key: str, runs: Variants) -> Advice:
+def advise(scene: Scene, key: str, runs: Variants) -> EffectRow:
     """Evaluate one effect, whether the scene names it or not, and say what to do."""
     named = getattr(scene.effects, key) is not None
     both = variants(scene, key)
     if isinstance(both, str):
-        return Advice(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
+        return EffectRow(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
     try:
         overlap = key == "self_contact" and scene.body.shape.line is not None
         found = verdict(
@@ -243,11 +253,11 @@ def advise(scene: Scene, key: str, runs: Variants) -> Advice:
     # more than that is not run: the whole may be moved farther
     within = f"{found.why}, within its first {runs.duration:.2g} s"
     if found.advice in ("keep", "add"):
-        return replace(found, shift=None, uncertainty=None, why=within)
+        return replace(found, shift_m=None, uncertainty_m=None, why=within)
     return unknown(key, named, f"a whole run takes too long, and {within}")
 
 
-def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Advice:
+def verdict(scene: Scene, key: str, moved: Shift, error: float) -> EffectRow:
     """The advice that follows from a shift."""
     named = getattr(scene.effects, key) is not None
     matters = moved.value > error
@@ -261,7 +271,7 @@ def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Advice:
         f"it moves the answer by {in_lengths(moved.value, scene)}, {'more' if matters else 'less'}"
         f" than {in_lengths(error, scene)}{near}"
     )
-    return Advice(key, named, moved.value, moved.uncertainty, word, why)
+    return EffectRow(key, named, moved.value, moved.uncertainty, word, why)
 
 
 def in_lengths(way: float, scene: Scene) -> str:
@@ -270,9 +280,9 @@ def in_lengths(way: float, scene: Scene) -> str:
     return f"{percent:.0f} % of its length" if percent >= 99.5 else f"{percent:.2g} % of its length"
 
 
-def unknown(key: str, named: bool, why: str) -> Advice:
+def unknown(key: str, named: bool, why: str) -> EffectRow:
     """Advice where no estimate can be had: a named effect stays."""
-    return Advice(
+    return EffectRow(
         key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}"
     )
 

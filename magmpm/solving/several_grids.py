@@ -334,11 +334,11 @@ def grids_of(scene: Scene) -> Grids:
 
 
 def choose_grid(
-    grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] | None = None
+    grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = lambda cells: 0.0
 ) -> tuple[ChosenGrid, float]:
     """The grid for the error or the time that a scene requests (statics.resolution.choose), and the seconds its kernels took to load."""
     compiled = _prepare(grids)
-    choice = choose(grids, on_step, extra or (lambda cells: 0.0))
+    choice = choose(grids, on_step, extra)
     return replace(choice, report={**choice.report, **_on_the_way(grids, choice)}), compiled
 
 
@@ -399,10 +399,8 @@ def steps_in_words(scene: Scene) -> str:
     options = scene.solver.dynamic
     if options is None:
         return ""
-    used = dict.fromkeys(region.material_name for region in scene.regions())
-    crossing = {name: scene.cell / _wave_speed(scene, name) for name in used}
-    name = min(crossing, key=lambda one: crossing[one])
-    step = options.safety * BODY_STEP * crossing[name]
+    name, crossing = shortest_crossing(scene)
+    step = options.safety * BODY_STEP * crossing
     if options.time_step is not None:
         step = min(step, options.time_step)
     modulus = quantity(scene.materials[name].shear_modulus, "Pa")
@@ -410,19 +408,21 @@ def steps_in_words(scene: Scene) -> str:
         f"time steps of about {quantity(step, 's', 2)}, some"
         f" {significant(options.duration / step, 2)} for {quantity(options.duration, 's')} of"
         f" motion: a pressure wave crosses a cell ({length(scene.cell)}) of {name} (shear modulus"
-        f" {modulus}) in {quantity(crossing[name], 's')}; larger cells, or less stiff or heavier"
+        f" {modulus}) in {quantity(crossing, 's')}; larger cells, or less stiff or heavier"
         " material, take longer steps"
     )
 
 
-def _wave_speed(scene: Scene, name: str) -> float:
-    """Speed of pressure waves, m/s, in a material whose branches of viscosity have not relaxed."""
-    material = scene.materials[name]
-    assert material.density is not None  # a motion needs it: scene.rules
-    bulk = material.bulk_to_shear * material.shear_modulus
-    return pressure_wave_speed(
-        material.shear_modulus + instant_modulus(scene), bulk, material.density
-    )
+def shortest_crossing(scene: Scene) -> tuple[str, float]:
+    """The material through whose cells pressure waves run the fastest, its viscosity not relaxed, and the time that it takes them, s."""
+    crossing = {}
+    for name in dict.fromkeys(region.material_name for region in scene.regions()):
+        material = scene.materials[name]
+        assert material.density is not None  # a motion needs it: scene.rules
+        shear = material.shear_modulus + instant_modulus(scene)
+        bulk = material.bulk_to_shear * material.shear_modulus
+        crossing[name] = scene.cell / pressure_wave_speed(shear, bulk, material.density)
+    return min(crossing.items(), key=lambda one: one[1])
 
 
 def cost_in_words(scene: Scene) -> str:

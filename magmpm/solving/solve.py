@@ -99,32 +99,21 @@ def at_rest(
     with memory.within(scene):
         model = static_model(build(scene))
     compiled = prepare_kernels(scene, uses=uses)
-    setup = time.perf_counter() - begun - compiled
-    begun = time.perf_counter()
+    ready = time.perf_counter()
+    seconds = {"setup": ready - begun - compiled, "compile": compiled, "solve": 0.0}
     try:
-        rod = start if isinstance(start, RodShape) else None
-        following = start if isinstance(start, Following) else None
         found = solve_static(
             model,
             correction=_neighbor(model, start),
-            rod=rod,
+            rod=start if isinstance(start, RodShape) else None,
             on_step=on_progress,
-            following=following,
+            following=start if isinstance(start, Following) else None,
         )
     except SolveError as error:
-        raise with_state(
-            error, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
-        ) from None
-    return (
-        finite(
-            result_of(
-                model,
-                found,
-                {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun},
-            )
-        ),
-        found,
-    )
+        seconds["solve"] = time.perf_counter() - ready
+        raise with_state(error, seconds) from None
+    seconds["solve"] = time.perf_counter() - ready
+    return finite(result_of(model, found, seconds)), found
 
 
 def end_of_path(scene: Scene) -> tuple[Result, Equilibrium]:
@@ -219,8 +208,8 @@ def _motion(scene: Scene, options: RunOptions) -> Result:
         model = build(scene)  # refuses what can't begin, before its kernels are compiled
         compiled = prepare_kernels(scene)
         moved = dynamics.begin(model)
-    seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
+    seconds = {"setup": ready - begun - compiled, "compile": compiled, "solve": 0.0}
 
     def see(state: SimulationState) -> None:
         if options.on_frame is not None:
@@ -230,12 +219,12 @@ def _motion(scene: Scene, options: RunOptions) -> Result:
         with written_folder(options.folder, options.resume, options.on_begin):
             moved = dynamics.integrate(moved, **_along_time(options), on_state=see)
     except SolveError as error:
-        seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
+        seconds["solve"] = time.perf_counter() - ready
         known = isinstance(error.state, dynamics.SimulationState)
         raise _failed(
             error, _moved_result(error.state, seconds, error.reason) if known else None
         ) from None
-    seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
+    seconds["solve"] = time.perf_counter() - ready
     return finite(_moved_result(moved, seconds))
 
 
@@ -267,14 +256,8 @@ def _path(
         ):
             state = quasi_static.follow(scene, **_along_time(options), on_state=see)
     except SolveError as error:
-        raise _failed(
-            error,
-            (
-                result_of(error.state, error.reason)
-                if isinstance(error.state, quasi_static.PathState)
-                else None
-            ),
-        ) from None
+        known = isinstance(error.state, quasi_static.PathState)
+        raise _failed(error, result_of(error.state, error.reason) if known else None) from None
     result = result_of(state)
     if state.branch is not None and options.advise:
         energy = state.branch.energy_at(state.time)
@@ -303,19 +286,16 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
     last: dict[str, Any] = next(
         reversed(state.rows), {"iterations": state.iterations, "stability": None}
     )
-    return Result(
-        **_of_any(
-            shape.model,
-            shape.position,
-            shape.F,
-            state.time,
-            state.strain,
-            state.warnings,
-            seconds,
-            failure,
-            last["stability"],
-        ),
-        grid_correction=np.zeros((0, 0)),
+    return _result(
+        shape.model,
+        shape.position,
+        shape.F,
+        state.time,
+        strain=state.strain,
+        warnings=state.warnings,
+        seconds=seconds,
+        failure=failure,
+        stability=last["stability"],
         centreline=shape.centreline,
         tip=shape.tip,
         iterations=last["iterations"],
@@ -336,18 +316,16 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     model = moved.motion.model
     J = np.linalg.det(moved.F)
     axis, tip, _ = measures.of_particles(model, moved.x)
-    return Result(
-        **_of_any(
-            model,
-            moved.x,
-            moved.F,
-            moved.time,
-            moved.strain,
-            moved.warnings + moved.control.warnings() + moved.motion.warnings(),
-            seconds,
-            failure,
-        ),
-        grid_correction=np.zeros((0, 0)),
+    return _result(
+        model,
+        moved.x,
+        moved.F,
+        moved.time,
+        strain=moved.strain,
+        warnings=moved.warnings + moved.control.warnings() + moved.motion.warnings(),
+        seconds=seconds,
+        failure=failure,
+        stability=None,
         centreline=axis,
         tip=tip,
         iterations=moved.steps,
@@ -375,22 +353,22 @@ def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
     raise ValueError("start: the neighboring result must be on the same grid")
 
 
-def _of_any(
+def _result(
     model: Model,
     position: Array,
     F: Array,
-    time: float | None,
+    at: float | None,
+    *,
     strain: Strain,
     warnings: list[str],
-    seconds: dict[str, float],
-    failure: str,
-    stability: float | None = None,
-) -> dict[str, Any]:
-    """Fields of every result, with the field at the body's center at a time (s; None in statics). warnings: those of this solve."""
+    **own: Any,
+) -> Result:
+    """A result, with the field at the body's center at a time (s; None in statics). warnings: those of this solve; own: other fields."""
     scene = model.scene
     particles = model.particles
     of_field = scene.external_field().warnings if scene.effects.in_a_field else []
-    return {
+    of_any = {
+        "grid_correction": np.zeros((0, 0)),
         "name": scene.name,
         "scene": scene.to_si(),
         "scene_hash": scene.hash(),
@@ -401,25 +379,23 @@ def _of_any(
         "particle_det_F": np.linalg.det(F),
         "segment_center": measures.region_means(model, position),
         "segment_remanence": measures.region_magnetization(model, F),
-        "field": model.field_at(position, time),
+        "field": model.field_at(position, at),
         "particles": len(position),
         "section": model.section,
-        "converged": not failure,
-        "failure": failure,
-        "seconds": seconds,
+        "converged": not own["failure"],
         "warnings": [
             *scene.warnings(),
             *effects.warnings(scene),
             *of_field,
             *warnings,
             *strain.warnings(model),
-            *on_the_brink(stability),
+            *on_the_brink(own["stability"]),
         ],
         "largest_stretch": strain.stretch,
         "tightest_radius": strain.radius if math.isfinite(strain.radius) else None,
-        "stability": stability,
         "versions": dict(versions()),
     }
+    return Result(**of_any | own)
 
 
 def result_of(
@@ -427,19 +403,16 @@ def result_of(
 ) -> Result:
     point = found.point
     position = point.position
-    strain = strain_of(model, point.position, point.F)
-    return Result(
-        **_of_any(
-            model,
-            position,
-            point.F,
-            model.time,
-            strain,
-            found.warnings,
-            seconds,
-            failure,
-            found.stability,
-        ),
+    return _result(
+        model,
+        position,
+        point.F,
+        model.time,
+        strain=strain_of(model, position, point.F),
+        warnings=found.warnings,
+        seconds=seconds,
+        failure=failure,
+        stability=found.stability,
         grid_correction=found.correction,
         centreline=axis_of_unknowns.centreline(model, point.grid),
         tip=(

@@ -127,7 +127,7 @@ def order_to_finest(differences: Mapping[int, float], finest: int) -> float | No
     return float(orders[np.argmin(np.var(logs[:, None] - shape, axis=0))])
 
 
-def distance(one: Array, other: Array) -> float:
+def farthest(one: Array, other: Array) -> float:
     """Largest distance (m) between points (k, 3) m and their partners."""
     return float(np.linalg.norm(one - other, axis=1).max())
 

@@ -21,7 +21,7 @@ from magmpm.statics import axis
 from magmpm.statics.axis import carried
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, solve_from, solve_static
-from magmpm.statics.error_estimate import ALGEBRAIC, distance
+from magmpm.statics.error_estimate import ALGEBRAIC, farthest
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import PAIRS, OnStep, corrected
 from magmpm.statics.tangent_matrix import Bands
@@ -162,7 +162,7 @@ class Equilibria(Grids):
 
     def distance_between(self, coarse: int, fine: int) -> float:
         """The largest distance (m) between the axes, or the tips, of two grids."""
-        return distance(self._points[coarse], self._points[fine])
+        return farthest(self._points[coarse], self._points[fine])
 
     def effort(self, cells: int, steps: float) -> float:
         """Counted operations and particles, of the steps and of building the model."""
@@ -262,10 +262,10 @@ def approached(
             return None
         before = at
         at = points(point.grid)
-        moved = distance(at, before)
+        moved = farthest(at, before)
         first = first if step else moved
         on_step(step, 0.0)
-        if step and moved < PROOF_SETTLED * distance(at, compared):
+        if step and moved < PROOF_SETTLED * farthest(at, compared):
             return point.grid
         if moved > 3.0 * first:  # a longer step leads away
             return None

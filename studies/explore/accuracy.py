@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -26,8 +26,14 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import knots_of
 from magmpm.statics.axis import centreline
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.error_estimate import ALGEBRAIC, bound, left, order_to_finest, why_undetermined
-from magmpm.statics.grids import operations
+from magmpm.statics.error_estimate import (
+    bound,
+    farthest,
+    left,
+    order_to_finest,
+    why_undetermined,
+)
+from magmpm.statics.grids import left_by_solve, operations
 from magmpm.statics.layout import static_model
 
 LADDER = (2, 3, 4, 5, 6, 8)
@@ -146,12 +152,10 @@ class Ladder:
         if self.algebraic_error is not None:
             lines.append(f"the solve's tolerance leaves {100 * self.algebraic_error:.1e} % of L")
         for name, order in (("finest", self.order_finest), ("reference", self.order_reference)):
-            if order is not None or name in self.undetermined:
-                told = (
-                    f"{order:.1f}"
-                    if order is not None
-                    else f"not determined: {self.undetermined[name]}"
-                )
+            told = None if order is None else f"{order:.1f}"
+            if name in self.undetermined:
+                told = f"not determined: {self.undetermined[name]}"
+            if told is not None:
                 lines.append(f"order of convergence to the {name}: {told}")
         lines += [f"{name} failed: {reason}" for name, reason in self.failed.items()]
         return "\n".join([*lines, *self.conclusions])
@@ -164,7 +168,7 @@ def climb(
     on_progress: Progress | None = None,
     motion: bool = False,
 ) -> Ladder:
-    """Solve the scene at each number of cells across. motion: compare with settled motions as well (`settled`).
+    """Solve the scene at each number of cells across. motion: compare with settled motions as well (`Beside.settled`).
 
     Settings whose solve fails are left out, and named. Raises InputError for fewer than two different cell sizes, or sizes that the scene
     refuses, and SolveError if no solve succeeds.
@@ -175,162 +179,141 @@ def climb(
             f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as"
             " 2,3,4,6"
         )
-    scenes = [scene.with_cells(n) for n in cells]
-    solved: dict[int, tuple[Result, float]] = {}
+    tell = on_progress or (lambda done, of, what: None)
+    scenes = {f"{n} cells across": scene.with_cells(n) for n in cells}
+    runs: dict[int, Timed] = {}
     failed: dict[str, SolveError] = {}
-    for k, rung in enumerate(scenes):
-        if on_progress is not None:
-            on_progress(k, len(scenes), f"{cells[k]} cells across")
+    for k, (name, rung) in enumerate(scenes.items()):
+        tell(k, len(cells), name)
         try:
-            solved[cells[k]] = timed(rung, solve)
+            runs[cells[k]] = timed(rung, solve)
         except SolveError as error:
-            failed[f"{cells[k]} cells across"] = error
-    if not solved:
+            failed[name] = error
+    if not runs:
         raise next(iter(failed.values()))
-    cells = list(solved)
-    runs = list(solved.values())
-    finest = answer(runs[-1][0])
-    length = scene.length
-    rungs = _rungs(scene, cells, runs)
-    others = other_models(scene, solve, finest, failed)
+    beside = Beside(scene, solve, answer(runs[max(runs)].result), failed)
+    rungs = _rungs(runs, beside)
+    beside.other_models()
     if motion:
-        if on_progress is not None:
-            on_progress(len(scenes), len(scenes), "motions that settle")
-        others += settled(scene, solve, finest, failed)
-    errors = {
-        "finest": {
-            rung.cells_across: rung.error_finest for rung in rungs[:-1] if rung.error_finest
-        },
-        "reference": {
-            rung.cells_across: rung.error_reference for rung in rungs if rung.error_reference
-        },
+        tell(len(cells), len(cells), "motions that settle")
+        beside.settled()
+    to_finest = {one.cells_across: one.error_finest for one in rungs[:-1] if one.error_finest}
+    to_reference = {one.cells_across: one.error_reference for one in rungs if one.error_reference}
+    orders = {"finest": order_to_finest(to_finest, max(runs)), "reference": _order(to_reference)}
+    errors = {"finest": to_finest, "reference": to_reference}
+    undetermined = {
+        name: why
+        for name, order in orders.items()
+        for why in [why_undetermined(order, list(errors[name].values()))]
+        if why is not None
     }
-    orders = {
-        "finest": order_to_finest(errors["finest"], cells[-1]),
-        "reference": _order(errors["reference"]),
-    }
-    reasons = {
-        name: why_undetermined(order, list(errors[name].values())) for name, order in orders.items()
-    }
-    undetermined = {name: reason for name, reason in reasons.items() if reason is not None}
     told = {name: None if name in undetermined else order for name, order in orders.items()}
-    moved = float(
-        np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max()
-    )
+    steady = None if len(to_finest) < 3 else True
     return Ladder(
         scene=scene.name,
-        length=length,
+        length=scene.length,
         rungs=rungs,
         order_finest=told["finest"],
         order_reference=told["reference"],
         undetermined=undetermined,
-        beside=others,
-        algebraic_error=(
-            ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length
-            if scene.static and scene.body.shape.line
-            else None
-        ),
-        asymptotic=(
-            False if "finest" in undetermined else None if len(errors["finest"]) < 3 else True
-        ),
-        conclusions=[*_conclusions(rungs, others), *_where(scene)],
+        beside=beside.found,
+        algebraic_error=_algebraic(scene, beside.finest),
+        asymptotic=False if "finest" in undetermined else steady,
+        conclusions=[*_conclusions(rungs, beside.found), *_where(scene)],
         failed={name: error.reason for name, error in failed.items()},
     )
 
 
-def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:
-    finest = answer(runs[-1][0])
-    reference = scene.reference_centreline()
-    length = scene.length
-    bars = _bars([result for result, _ in runs], cells)
-    errors = [distance(result, finest if reference is None else reference) for result, _ in runs]
+def _algebraic(scene: Scene, finest: Array) -> float | None:
+    """Error over the length that the solve's tolerance leaves in an equilibrium of a straight body, of rows [s, x, y, z] m."""
+    if not (scene.static and scene.body.shape.line):
+        return None
+    straight = np.array([1.0, 0.0, 0.0]) * finest[:, :1]
+    moved = float(np.abs(finest[:, 1:] - straight - finest[0, 1:]).max())
+    return left_by_solve(scene, moved) / scene.length
+
+
+def _rungs(runs: Mapping[int, Timed], beside: Beside) -> list[Rung]:
+    """A rung for each number of cells across."""
+    scene = beside.scene
+    bars = _bars({n: run.result for n, run in runs.items()})
+    known = beside.finest if beside.reference is None else beside.reference
+    errors = {n: distance(run.result, known) for n, run in runs.items()}
+    straight = scene.static and scene.body.shape.line is not None
     rungs = []
-    for k, (n, (result, seconds)) in enumerate(zip(cells, runs, strict=True)):
-        bar = bars[k]
+    for n, run in runs.items():
+        of = run.result
+        bar = bars[n]
         better = [
-            j
-            for j, (_, other) in enumerate(runs)
-            if j != k and other <= seconds and errors[j] <= errors[k]
+            m
+            for m, other in runs.items()
+            if m != n and other.seconds <= run.seconds and errors[m] <= errors[n]
         ]
+        to_finest, to_reference = beside.errors_of(of)
         rungs.append(
             Rung(
                 cells_across=n,
                 cell_size=scene.thickness / n,
-                particles=result.particles,
-                dof=result.dof,
-                iterations=result.iterations,
-                seconds=seconds,
-                error_finest=None if n == cells[-1] else distance(result, finest) / length,
-                error_reference=None if reference is None else errors[k] / length,
+                particles=of.particles,
+                dof=of.dof,
+                iterations=of.iterations,
+                seconds=run.seconds,
+                error_finest=None if n == max(runs) else to_finest,
+                error_reference=to_reference,
                 split={
-                    key: float(result.seconds.get(key, 0.0))
-                    for key in ("setup", "compile", "solve")
+                    key: float(of.seconds.get(key, 0.0)) for key in ("setup", "compile", "solve")
                 },
-                matrix_bytes=(
-                    operations(scene.with_cells(n))[1]
-                    if scene.static and scene.body.shape.line is not None
-                    else 0.0
-                ),
-                bar=None if bar is None else bar / length,
+                matrix_bytes=operations(scene.with_cells(n))[1] if straight else 0.0,
+                bar=None if bar is None else bar / scene.length,
                 pareto=not better,
             )
         )
     return rungs
 
 
-def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]:
+def _bars(results: dict[int, Result]) -> dict[int, float | None]:
     """Bounds (m) of the discretization errors: of each grid by the finest one, of the finest by the coarsest that is fine enough for it."""
-    bars: list[float | None] = []
-    for k, n in enumerate(cells):
-        other = (
-            len(cells) - 1
-            if k < len(cells) - 1
-            else next((j for j in range(k, -1, -1) if cells[j] <= n / CLOSEST), None)
-        )
-        if other is None or max(n, cells[other]) < CLOSEST * min(n, cells[other]):
-            bars.append(None)
+    bars: dict[int, float | None] = dict.fromkeys(results)
+    last = max(results)
+    for n in results:
+        coarser = (m for m in reversed(results) if m <= n / CLOSEST)
+        other = last if n != last else next(coarser, n)
+        low = min(n, other)
+        high = max(n, other)
+        if high < CLOSEST * low:
             continue
-        low = min(k, other)
-        high = max(k, other)
-        coarse = cells[low]
-        fine = cells[high]
         finest = answer(results[high])
-        others = {cells[j]: distance(results[j], finest) for j in range(high) if j != low}
-        most = bound(coarse, fine, distance(results[low], finest), others)
-        bars.append(most if n == coarse else most * left(coarse, fine))
+        others = {m: distance(results[m], finest) for m in results if m < high}
+        most = bound(low, high, others.pop(low), others)
+        bars[n] = most if n == low else most * left(low, high)
     return bars
 
 
 def _conclusions(rungs: Sequence[Rung], others: Sequence[NeighborModel]) -> list[str]:
     """Report what 1 % and 0.1 % cost, and whether the rod would be accurate enough."""
-    if len(rungs) == 1 and _error(rungs[0]) is None:
+    errors = [_known(rung.error_reference, rung.bar) for rung in rungs]
+    if len(rungs) == 1 and errors[0] is None:
         return [f"The error is not known: only {rungs[0].cells_across} cells across were solved."]
     said = []
     for wanted in GOALS:
         will_do = [
-            rung for rung in rungs if _error(rung) is not None and (_error(rung) or 0.0) <= wanted
+            rung
+            for rung, error in zip(rungs, errors, strict=True)
+            if error is not None and error <= wanted
         ]
+        cost = "is not reached by these cells."
         if will_do:
             cheapest = min(will_do, key=lambda rung: rung.seconds)
-            said.append(
-                f"{100 * wanted:g} % of the length costs {cheapest.seconds:.2g} s here:"
-                f" {cheapest.cells_across} cells across."
-            )
-        else:
-            said.append(f"{100 * wanted:g} % of the length is not reached by these cells.")
+            cost = f"costs {cheapest.seconds:.2g} s here: {cheapest.cells_across} cells across."
+        said.append(f"{100 * wanted:g} % of the length {cost}")
     for rod in (model for model in others if model.name == "rod"):
-        error = rod.error_finest if rod.error_reference is None else rod.error_reference
-        if error is None:
-            continue
-        good = [f"{100 * wanted:g} %" for wanted in GOALS if error <= wanted]
-        verdict = (
-            f"would do for {' and for '.join(good)}"
-            if good
-            else f"would not do for {100 * GOALS[0]:g} %"
-        )
-        said.append(
-            f"The rod {verdict}: it takes {rod.seconds:.2g} s and is off by {percent(error)}."
-        )
+        error = _known(rod.error_reference, rod.error_finest)
+        good = [f"{100 * wanted:g} %" for wanted in GOALS if error is not None and error <= wanted]
+        would = f"would not do for {100 * GOALS[0]:g} %"
+        if good:
+            would = f"would do for {' and for '.join(good)}"
+        off = percent(error)
+        said.append(f"The rod {would}: it takes {rod.seconds:.2g} s and is off by {off}.")
     return said
 
 
@@ -345,8 +328,9 @@ def _where(scene: Scene) -> list[str]:
     ]
 
 
-def _error(rung: Rung) -> float | None:
-    return rung.bar if rung.error_reference is None else rung.error_reference
+def _known(to_reference: float | None, otherwise: float | None) -> float | None:
+    """The error from the reference, or where there is none, another."""
+    return otherwise if to_reference is None else to_reference
 
 
 def _order(errors: dict[int, float]) -> float | None:
@@ -373,150 +357,143 @@ def distance(result: Result, rows: Array) -> float:
     """Largest distance (m) between a result and rows [s, x, y, z] m, of another one or of a reference."""
     if len(result.centreline):
         return measures.largest_distance(result, rows)
-    return float(np.linalg.norm(answer(result)[:, 1:] - rows[:, 1:], axis=1).max())
+    return farthest(answer(result)[:, 1:], rows[:, 1:])
 
 
-def timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
-    """The result and the median time of setup and solve, s."""
+@dataclass(frozen=True)
+class Timed:
+    """A run: its result, and the median time of setup and solve, s."""
+
+    result: Result
+    seconds: float
+
+
+def timed(scene: Scene, solve: Solve) -> Timed:
+    """Run a scene; what takes less than a second, three times."""
     times: list[float] = []
     while not times or (times[-1] < 1.0 and len(times) < 3):
         begun = perf_counter()
         result = solve(scene)
         times.append(perf_counter() - begun - result.seconds.get("compile", 0.0))
-    return result, median(times)
+    return Timed(result, median(times))
 
 
-def other_models(
-    scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
-) -> list[NeighborModel]:
-    """The rod, and what more particles and another place of the grid change at the usual cells; of equilibria only.
+class Beside:
+    """What stands beside a ladder: other models of the scene, against its last rung, rows [s, x, y, z] m, and against a reference.
 
-    finest: rows [s, x, y, z] m of the ladder's last rung; failed: takes the errors of what found no answer, by name.
+    found: the models; failed: takes the errors of what found no answer, by name.
     """
-    if not scene.static or scene.in_time or scene.body.shape.line is None:
-        return []
-    found = []
-    reference = scene.reference_centreline()
-    begun = perf_counter()
-    try:
-        rod = solve_rod(scene)
-    except SolveError as error:
-        failed["rod"] = error
-    else:
-        seconds = perf_counter() - begun
 
-        def off(rows: Array) -> float:
-            """Largest distance over the length, between the rod and rows [s, x, y, z]."""
-            return (
-                float(np.linalg.norm(rod.at(rows[:, 0]) - rows[:, 1:], axis=1).max()) / scene.length
-            )
+    def __init__(
+        self, scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
+    ) -> None:
+        self.scene = scene
+        self.solve = solve
+        self.finest = finest
+        self.reference = scene.reference_centreline()
+        self.failed = failed
+        self.found: list[NeighborModel] = []
 
-        found.append(
-            NeighborModel(
-                "rod", seconds, off(finest), None if reference is None else off(reference)
-            )
-        )
-    data = scene.with_cells(USUAL_CELLS).to_si()
-    more = Scene.from_si(
-        {**data, "resolution": {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}}
-    )
-    name = f"{MORE_PARTICLES} particles a cell along each direction, at {USUAL_CELLS} cells"
-    try:
-        found.append(_compared(name, *timed(more, solve), finest, reference, scene.length))
-    except SolveError as error:
-        failed[name] = error
-    return [*found, *_shifted(scene.with_cells(USUAL_CELLS), finest, reference, failed)]
+    def errors(self, off: Callable[[Array], float]) -> tuple[float, float | None]:
+        """Errors over the length, by the distance (m) from rows: from the finest rung and from the reference, None where there is none."""
+        length = self.scene.length
+        reference = None if self.reference is None else off(self.reference) / length
+        return off(self.finest) / length, reference
 
+    def errors_of(self, result: Result) -> tuple[float, float | None]:
+        """Errors of a result over the length."""
+        return self.errors(lambda rows: distance(result, rows))
 
-def _compared(
-    name: str, result: Result, seconds: float, finest: Array, reference: Array | None, length: float
-) -> NeighborModel:
-    to_reference = None if reference is None else distance(result, reference) / length
-    return NeighborModel(name, seconds, distance(result, finest) / length, to_reference)
+    def add(self, name: str, run: Timed, same: Result | None = None) -> None:
+        """Note a run. same: the ladder's answer on the same cells."""
+        to_finest, to_reference = self.errors_of(run.result)
+        apart = None if same is None else distance(run.result, answer(same)) / self.scene.length
+        self.found.append(NeighborModel(name, run.seconds, to_finest, to_reference, apart))
 
-
-def _shifted(
-    scene: Scene, finest: Array, reference: Array | None, failed: dict[str, SolveError]
-) -> list[NeighborModel]:
-    """The worst of some other places of a catheter's axis against the grid: where the grid lies is no part of the physics."""
-    body = scene.body.catheter
-    at = scene.resolution
-    if body is None:
-        return []
-    name = f"{len(SHIFTS)} other places of the grid, at {at.cells_across} cells, the worst"
-    worst: dict[str, float] = {}
-    times = []
-    for shift in SHIFTS:
+    def other_models(self) -> None:
+        """The rod, and what more particles and another place of the grid change at the usual cells; of equilibria only."""
+        scene = self.scene
+        if not scene.static or scene.in_time or scene.body.shape.line is None:
+            return
         begun = perf_counter()
-        model = static_model(
-            build(
-                scene,
-                body.discretize(at.cells_across, at.particles_per_cell, knots_of(scene), shift),
-            )
-        )
         try:
-            found = solve_static(model, with_stability=False)
+            rod = solve_rod(scene)
         except SolveError as error:
-            failed[name] = error
-            return []
-        times.append(perf_counter() - begun)
-        rows = centreline(model, found.point.grid)
-        for against, other in (("finest", finest), ("reference", reference)):
-            if other is not None:
-                moved = linear(other[:, 0], rows[:, 0], rows[:, 1:])
-                worst[against] = max(
-                    worst.get(against, 0.0),
-                    float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length,
-                )
-    return [NeighborModel(name, median(times), worst["finest"], worst.get("reference"))]
+            self.failed["rod"] = error
+        else:
+            seconds = perf_counter() - begun
+            errors = self.errors(lambda rows: farthest(rod.at(rows[:, 0]), rows[:, 1:]))
+            self.found.append(NeighborModel("rod", seconds, *errors))
+        cells = {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}
+        more = Scene.from_si({**scene.with_cells(USUAL_CELLS).to_si(), "resolution": cells})
+        name = f"{MORE_PARTICLES} particles a cell along each direction, at {USUAL_CELLS} cells"
+        try:
+            self.add(name, timed(more, self.solve))
+        except SolveError as error:
+            self.failed[name] = error
+        self._shifted(scene.with_cells(USUAL_CELLS))
 
+    def _shifted(self, scene: Scene) -> None:
+        """The worst of some other places of a catheter's axis against the grid: where the grid lies is no part of the physics."""
+        body = scene.body.catheter
+        at = scene.resolution
+        if body is None:
+            return
+        name = f"{len(SHIFTS)} other places of the grid, at {at.cells_across} cells, the worst"
+        shapes: list[Array] = []
+        times = []
+        for shift in SHIFTS:
+            begun = perf_counter()
+            knots = knots_of(scene)
+            grid = body.discretize(at.cells_across, at.particles_per_cell, knots, shift)
+            model = static_model(build(scene, grid))
+            try:
+                found = solve_static(model, with_stability=False)
+            except SolveError as error:
+                self.failed[name] = error
+                return
+            times.append(perf_counter() - begun)
+            shapes.append(centreline(model, found.point.grid))
 
-def settled(
-    scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
-) -> list[NeighborModel]:
-    """The same answer as a motion that settles, at CELLS_OF_MOTIONS cells: with its time step, and with half of it. Of a scene that
-    moves, its own motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer,
-    by name.
-    """
-    coarse = scene.with_cells(CELLS_OF_MOTIONS)
-    resting = scene.static and not scene.in_time
-    motion = coarse if not resting else None if scene.body.shape.line is None else _settling(coarse)
-    if motion is None or motion.solver.dynamic is None:
-        return []
-    try:
-        same, _ = timed(coarse, solve)
-    except SolveError as error:
-        failed[f"what motions are compared with, at {CELLS_OF_MOTIONS} cells"] = error
-        return []
-    reference = scene.reference_centreline()
-    found = []
-    step = None
-    for part in (1.0, 0.5):
+        def worst(rows: Array) -> float:
+            """The farthest of the shapes from rows, m."""
+            at = rows[:, 0]
+            return max(farthest(linear(at, one[:, 0], one[:, 1:]), rows[:, 1:]) for one in shapes)
+
+        self.found.append(NeighborModel(name, median(times), *self.errors(worst)))
+
+    def settled(self) -> None:
+        """The same answer as a motion that settles, at CELLS_OF_MOTIONS cells: with its time step, and with half of it.
+
+        Of a scene that moves, its own motion in the same ways. Nothing where the materials have no density.
+        """
+        cells = f"at {CELLS_OF_MOTIONS} cells"
+        coarse = self.scene.with_cells(CELLS_OF_MOTIONS)
+        motion = _settling(coarse) if coarse.static and not coarse.in_time else coarse
+        if motion is None or motion.solver.dynamic is None:
+            return
+        try:
+            same = timed(coarse, self.solve).result
+        except SolveError as error:
+            self.failed[f"what motions are compared with, {cells}"] = error
+            return
         data = motion.to_si()
-        dynamic = {
-            **data["solver"]["dynamic"],
-            **({"time_step": part * step} if part < 1.0 and step is not None else {}),
-        }
-        try:
-            result, seconds = timed(
-                Scene.from_si({**data, "solver": {**data["solver"], "dynamic": dynamic}}), solve
-            )
-        except SolveError as error:
-            failed[
-                f"motion{', half the step' if part < 1.0 else ''}, at {CELLS_OF_MOTIONS} cells"
-            ] = error
-            continue
-        step = result.time_step if part == 1.0 else step
-        name = f"motion, step {1e6 * (result.time_step or 0.0):.3g} us, at {CELLS_OF_MOTIONS} cells"
-        compared = _compared(name, result, seconds, finest, reference, scene.length)
-        found.append(
-            replace(compared, error_same_cells=distance(result, answer(same)) / scene.length)
-        )
-    return found
+        for words in ("", ", half the step"):
+            try:
+                run = timed(Scene.from_si(data), self.solve)
+            except SolveError as error:
+                self.failed[f"motion{words}, {cells}"] = error
+                continue
+            step = run.result.time_step or 0.0
+            self.add(f"motion, step {1e6 * step:.3g} us, {cells}", run, same)
+            if step:
+                data["solver"]["dynamic"]["time_step"] = 0.5 * step
 
 
 def _settling(scene: Scene) -> Scene | None:
-    """The scene as a motion, damped critically, for as long as it takes to settle; None without densities."""
+    """The scene as a motion, damped critically, for as long as it takes to settle; None without densities, and of no straight body."""
+    if scene.body.shape.line is None:
+        return None
     used = [scene.materials[region.material_name] for region in scene.regions()]
     if any(material.density is None for material in used):
         return None

@@ -19,7 +19,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects
-from magmpm.solving.influence import Variants, advise, has_densities
+from magmpm.solving.influence import EffectRow, Variants, advise, has_densities, in_mm
 from magmpm.studies.explore.effects_costs import costs
 
 
@@ -146,30 +146,6 @@ def _out_of_plane(shapes: Array) -> float:
 
 
 @dataclass(frozen=True)
-class EffectRow:
-    """One effect.
-
-    shift_m: the farthest that any point of the body's axis moves in the scene's answer, be it an equilibrium, equilibria along time or a
-    motion, with the effect against without it; None: not known. uncertainty_m: of that. cost_percent: of a step without any effect; None
-    if the effect takes no part in a step or was not measured.
-    """
-
-    effect: str
-    named: bool
-    shift_m: float | None
-    uncertainty_m: float | None
-    cost_percent: float | None
-    advice: str
-    why: str
-
-    def __repr__(self) -> str:
-        return (
-            f"Influence of {self.effect}: {_mm(self.shift_m)} mm +- {_mm(self.uncertainty_m)} mm;"
-            f" {self.advice}: {self.why}"
-        )
-
-
-@dataclass(frozen=True)
 class EffectsTable:
     """All effects, in the order of their phases. length_m: the body's, m; error_m: the error that advice is for; needs: beyond effects."""
 
@@ -202,33 +178,24 @@ class EffectsTable:
                 continue
             percent = None if row.shift_m is None else 100 * row.shift_m / self.length_m
             numbers = (
-                f"{_mm(row.shift_m):>8} {'-' if percent is None else significant(percent):>7}"
-                f" {_mm(row.uncertainty_m):>8}"
+                f"{in_mm(row.shift_m):>8} {'-' if percent is None else significant(percent):>7}"
+                f" {in_mm(row.uncertainty_m):>8}"
                 f" {'-' if row.cost_percent is None else fixed(row.cost_percent, 0):>7}"
             )
             lines.append(
                 f"{'*' if row.named else ' '} {row.effect:21} {numbers}  {row.advice}: {row.why}"
             )
+        if little:
+            names = ", ".join(row.effect for row in little)
+            lines.append(f"  negligible here: {names} (--all gives the reasons)")
         share = significant(100 * self.error_m / self.length_m)
-        return "\n".join(
-            [
-                *lines,
-                *(
-                    [
-                        f"  negligible here: {', '.join(row.effect for row in little)} (--all "
-                        "gives the reasons)"
-                    ]
-                    if little
-                    else []
-                ),
-                (
-                    "* named in the scene; mm: how far the axis moves with the effect against"
-                    f" without it; +-: uncertainty; advice: for an error of {_mm(self.error_m)} mm,"
-                    f" {share} % of the length"
-                ),
-                *(f"  {need.question:21} {_needed(need)}" for need in self.needs),
-            ]
+        lines.append(
+            "* named in the scene; mm: how far the axis moves with the effect against without it;"
+            f" +-: uncertainty; advice: for an error of {in_mm(self.error_m)} mm, {share} % of the"
+            " length"
         )
+        lines += [f"  {need.question:21} {_needed(need)}" for need in self.needs]
+        return "\n".join(lines)
 
     def _close(self, row: EffectRow) -> bool:
         """True if an effect may matter, since its shift is known no better."""
@@ -242,19 +209,12 @@ class EffectsTable:
 def _needed(need: Need) -> str:
     """A row of what the scene needs beyond effects."""
     word = {True: "needed", False: "not needed", None: "not known"}[need.needed]
-    saved = (
-        f"; without it some {significant(need.seconds_saved)} s less" if need.seconds_saved else ""
+    if not need.seconds_saved:
+        return f"{word}: {need.why}"
+    return (
+        f"{word}: {need.why}; without it some {significant(need.seconds_saved)} s less,"
+        f" {in_mm(need.error_added_m)} mm more error"
     )
-    added = (
-        f", {_mm(need.error_added_m)} mm more error"
-        if saved and need.error_added_m is not None
-        else ""
-    )
-    return f"{word}: {need.why}{saved}{added}"
-
-
-def _mm(way: float | None) -> str:
-    return "-" if way is None else significant(1e3 * way)
 
 
 def survey(
@@ -283,7 +243,8 @@ def survey(
     for key in effects.Effects.every():
         if only in (None, key):
             found = advise(scene, key, runs)
-            if held and not scene.static and found.shift is None and found.advice == "irrelevant":
+            unknown = found.shift_m is None and found.advice == "irrelevant"
+            if held and not scene.static and unknown:
                 rest = advise(still.scene, key, still)
                 if (
                     rest.advice == "add"
@@ -295,17 +256,7 @@ def survey(
                 key in ("damping", "viscosity") and is_cantilever(scene) and has_densities(scene)
             )
             why = found.why + (_settling(scene, key) if settles else "")
-            rows.append(
-                EffectRow(
-                    key,
-                    found.named,
-                    found.shift,
-                    found.uncertainty,
-                    spent.get(key),
-                    found.advice,
-                    why,
-                )
-            )
+            rows.append(replace(found, cost_percent=spent.get(key), why=why))
     return EffectsTable(
         scene.name, scene.length, error, rows, needs(scene, runs) if only is None else []
     )

@@ -7,7 +7,7 @@ near the shape of its rod (evaluate.trajectory). If the answer is another equili
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -19,8 +19,9 @@ from magmpm.bodies.curves import linear
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError
 from magmpm.model import build
-from magmpm.results.measures import axis_of_particles, frames_of
+from magmpm.results.measures import axis_of_particles
 from magmpm.results.trajectory import Motion
+from magmpm.runs import distance
 from magmpm.scene import Scene, load_scene, memory
 from magmpm.simulate import run
 from magmpm.statics.error_estimate import PROOF, factor
@@ -54,64 +55,48 @@ def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict
     scene: that of `found`; hidden: how many segments of the whole body, from its base, it does not have.
     """
     tip = np.asarray(found.tip, dtype=float)
-    variables = list(found.variables)
     columns: dict[tuple[str, Any], list[int]] = {}
-    for k, variable in enumerate(variables):
+    for k, variable in enumerate(found.variables):
         whose = variable.region if variable.region is not None else variable.material
         columns.setdefault((variable.kind, whose), []).append(k)
-    rows: list[dict[str, Any]] = []
+    rows = []
     for (kind, whose), places in columns.items():
-        rows += _rows(kind, whose, tip[:, places], scene, variables[places[0]], hidden)
-    return [
-        row for row in rows if row["tip_m_per_unit"] > 0.0
-    ]  # without weight the density does nothing
+        region = found.variables[places[0]].region
+        segment = None if region is None else region + hidden + 1
+        whole = "field" if kind == "field" else "body"
+        of = f"segment {segment}" if segment else str(whose or whole)
+        for what, unit, moved in _ways(kind, whose, tip[:, places], scene):
+            row = {"what": what, "of": of, "unit": unit}
+            if moved > 0.0:  # without weight the density does nothing
+                rows.append({**row, "tip_m_per_unit": float(moved), "segment": segment})
+    return rows
 
 
-def _rows(
-    kind: str, whose: Any, columns: Array, scene: Scene, variable: Any, hidden: int
-) -> list[dict[str, Any]]:
-    def row(what: str, of: str, unit: str, moved: Any) -> dict[str, Any]:
-        return {
-            "what": what,
-            "of": of,
-            "unit": unit,
-            "tip_m_per_unit": float(moved),
-            "segment": segment,
-        }
-
-    segment = None if variable.region is None else variable.region + hidden + 1
+def _ways(kind: str, whose: Any, columns: Array, scene: Scene) -> Iterator[tuple[str, str, Any]]:
+    """What may be wrong of some variables, in which unit, and how far (m) the tip moves for one: columns (3, n), its derivatives."""
     degree = np.deg2rad(1.0)
+    moved = float(np.linalg.norm(columns))
     if kind == "magnetization":
-        return [
-            row("direction", f"segment {segment}", "deg", degree * np.linalg.norm(columns, ord=2))
-        ]
-    if kind == "field":
+        yield "direction", "deg", degree * np.linalg.norm(columns, ord=2)
+    elif kind in ("length", "diameter"):
+        yield kind, "mm", 1e-3 * moved
+    elif kind != "field":
+        yield kind.replace("_", " "), "%", 0.01 * getattr(scene.materials[whose], kind) * moved
+    else:
         field = np.array(scene.field.uniform, dtype=float)
         strength = float(np.linalg.norm(field))
-        if columns.shape[1] != 3 or strength == 0.0:
-            return []
-        across = np.eye(3) - np.outer(field, field) / strength**2  # the field as it turns
-        return [
-            row("strength", "field", "%", 0.01 * np.linalg.norm(columns @ field)),
-            row(
-                "direction",
-                "field",
-                "deg",
-                degree * strength * np.linalg.norm(columns @ across, ord=2),
-            ),
-        ]
-    moved = float(np.linalg.norm(columns))
-    if kind in ("length", "diameter"):
-        return [row(kind, "body" if segment is None else f"segment {segment}", "mm", 1e-3 * moved)]
-    value = float(getattr(scene.materials[whose], kind))
-    return [row(kind.replace("_", " "), str(whose), "%", 0.01 * value * moved)] if value else []
+        if columns.shape[1] == 3 and strength > 0.0:
+            across = np.eye(3) - np.outer(field, field) / strength**2  # the field as it turns
+            turned = np.linalg.norm(columns @ across, ord=2)
+            yield "strength", "%", 0.01 * np.linalg.norm(columns @ field)
+            yield "direction", "deg", degree * strength * turned
 
 
-def allowed(row: dict[str, Any], distance: float) -> float | None:
-    """The error, in the row's unit, that alone moves the tip by `distance` (m); None where it is beyond LARGEST."""
-    if row["tip_m_per_unit"] * LARGEST[row["unit"]] <= distance:
+def allowed(row: dict[str, Any], way: float) -> float | None:
+    """The error, in the row's unit, that alone moves the tip by `way` (m); None where it is beyond LARGEST."""
+    if row["tip_m_per_unit"] * LARGEST[row["unit"]] <= way:
         return None
-    return float(distance / row["tip_m_per_unit"])
+    return float(way / row["tip_m_per_unit"])
 
 
 def together(
@@ -188,10 +173,7 @@ def _tolerances(
     result: Result, last: LastEquilibrium, differentiate: Callable[..., Any]
 ) -> list[dict[str, Any]] | str:
     found = differentiate(last.scene, start=last.start)
-    if (
-        max(frames_of(result).distances(frames_of(found.result)).values())
-        > SAME_EQUILIBRIUM * last.scene.length
-    ):
+    if distance(result, found.result) > SAME_EQUILIBRIUM * last.scene.length:
         return (
             "not known: solved again, the design has another equilibrium than the one that the"
             " study found"
@@ -215,7 +197,7 @@ def finer(
     if operations(fine)[1] > 0.25 * memory.machine():
         return f"not known: {proof} cells across take more than a quarter of this machine's memory"
     found = run(fine, start=last.start)
-    moved = max(frames_of(result).distances(frames_of(found)).values())
+    moved = distance(result, found)
     if moved > SAME_EQUILIBRIUM * last.scene.length:
         return (
             f"not known: on {proof} cells across the design has another equilibrium,"

@@ -19,9 +19,9 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.runs import distance
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from magmpm.solving.influence import Variants, advise
+from magmpm.solving.influence import EffectRow, Variants, advise
 from magmpm.studies.explore.effects_costs import costs
-from magmpm.studies.explore.effects_table import EffectRow, needs, survey
+from magmpm.studies.explore.effects_table import needs, survey
 
 FIELD = (0.0, 0.0, 3e-3)
 DOWN = (0.0, 0.0, -9.81)
