@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from magmpm.bodies.curves import arc_lengths
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, length, require
 from magmpm.inputs.yaml_document import of_file
@@ -192,8 +193,7 @@ def _table(points: np.ndarray, path: Path, key: str) -> str:
             remedy="give, say, np.column_stack([x, y, z])",
         )
     if rows.shape[1] == 3:
-        chords = np.linalg.norm(np.diff(rows, axis=0), axis=1)
-        rows = np.column_stack([np.concatenate([[0.0], np.cumsum(chords)]), rows])
+        rows = np.column_stack([arc_lengths(rows), rows])
     lines = [",".join(repr(float(x)) for x in row) for row in 1e3 * rows]
     path.write_text("\n".join(["s_mm,x_mm,y_mm,z_mm", *lines, ""]), encoding="utf-8")
     return path.name

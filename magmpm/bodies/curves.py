@@ -12,11 +12,16 @@ def linear(at: Array, s: Array, rows: Array) -> Array:
     return np.stack([np.interp(at, s, column) for column in rows.T], axis=1)
 
 
+def arc_lengths(points: Array) -> Array:
+    """Arc lengths (k,) of points (k, 3), along the chords between them."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
 def curve(points: Array, step: float) -> Array:
     """Points (m, 3) at most `step` (m) apart on the smooth curve (cubic spline over the chords) through points (k, 3)."""
     from scipy.interpolate import CubicSpline  # only where a scene has a curve
 
-    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    chord = arc_lengths(points)
     fine = np.linspace(0.0, chord[-1], max(2, int(np.ceil(chord[-1] / step)) + 1))
     if len(points) == 2:
         return np.asarray(points[0] + fine[:, None] / chord[-1] * (points[1] - points[0]))

@@ -292,16 +292,8 @@ def _overlap(frames: Frames, thickness: float) -> Shift:
     depth = 0.0
     for axis in frames.points:
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(axis, axis=0), axis=1))])
-        depth = max(
-            depth,
-            -gap(
-                axis,
-                np.column_stack([s, 0 * s, 0 * s]),
-                thickness,
-                NEIGHBORS * thickness,
-                thickness,
-            ),
-        )
+        straight = np.column_stack([s, 0 * s, 0 * s])
+        depth = max(depth, -gap(axis, straight, thickness, NEIGHBORS * thickness, thickness))
     return Shift(depth, 0.1 * thickness if depth > 0 else 0.0)
 
 

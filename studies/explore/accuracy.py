@@ -379,7 +379,7 @@ def timed(scene: Scene, solve: Solve) -> Timed:
 
 
 class Beside:
-    """What stands beside a ladder: other models of the scene, against its last rung, rows [s, x, y, z] m, and against a reference.
+    """Models that stand beside a ladder, against its last rung, rows [s, x, y, z] m, and against the scene's reference.
 
     found: the models; failed: takes the errors of what found no answer, by name.
     """

@@ -12,6 +12,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import MagmpmError
+from magmpm.studies.search.samplers.gauss_newton_steps import trusted_step
 
 LEAST_STEP = 1e-8  # in x: likewise
 Model = Callable[
@@ -109,72 +110,47 @@ def least_squares(
     # x changes by a factor of e at most at first
     radius = 1.0
     steps = 0
+    failures = 0
     while steps < 60:
         step = _step(residuals, slopes[:, free], radius)
-        noise = (
-            scale
-            if scale is not None
-            else float(np.sqrt(residuals @ residuals / max(len(residuals) - free.sum(), 1)))
-        )
-        if (
-            np.linalg.norm(slopes[:, free] @ step) <= small * noise
-            or np.linalg.norm(step) <= LEAST_STEP
-            or known(x)
-        ):
+        size = float(np.linalg.norm(step))
+        change = slopes[:, free] @ step
+        squares = float(residuals @ residuals)
+        spread = float(np.sqrt(squares / max(len(residuals) - free.sum(), 1)))
+        noise = spread if scale is None else scale
+        if np.linalg.norm(change) <= small * noise or size <= LEAST_STEP or known(x):
             return LeastSquares(x, residuals, slopes, steps, True)
-        for _ in range(12):
-            steps += 1
-            there = x.copy()
-            there[free] += step
-            promised = float(
-                residuals @ residuals - np.sum((residuals + slopes[:, free] @ step) ** 2)
-            )
-            try:
-                found = model(there, True)
-                gain = float(residuals @ residuals - found[0] @ found[0])
-            except MagmpmError:
-                gain = -np.inf
-            if gain > 0:
-                if gain > 0.75 * promised:
-                    radius = max(radius, 2 * float(np.linalg.norm(step)))
-                elif gain < 0.25 * promised:
-                    radius = float(np.linalg.norm(step)) / 2
-                x, (residuals, slopes) = there, found
-                break
-            radius = float(np.linalg.norm(step)) / 4
-            step = _step(residuals, slopes[:, free], radius)
-            if (
-                np.linalg.norm(step) <= LEAST_STEP
-                or np.linalg.norm(slopes[:, free] @ step) <= small * noise
-            ):
-                return LeastSquares(x, residuals, slopes, steps, True)
+        if failures == 12:
+            break
+        steps += 1
+        there = x.copy()
+        there[free] += step
+        promised = squares - float(np.sum((residuals + change) ** 2))
+        try:
+            found = model(there, True)
+            gain = squares - float(found[0] @ found[0])
+        except MagmpmError:
+            gain = -np.inf
+        if gain > 0:
+            if gain > 0.75 * promised:
+                radius = max(radius, 2 * size)
+            elif gain < 0.25 * promised:
+                radius = size / 2
+            x = there
+            residuals, slopes = found
+            failures = 0
         else:
-            return LeastSquares(x, residuals, slopes, steps, False)
+            radius = size / 4
+            failures += 1
     return LeastSquares(x, residuals, slopes, steps, False)
 
 
 def _step(residuals: Array, slopes: Array, radius: float) -> Array:
-    """argmin |r + J p| with |p| <= radius, by the singular values of J: what it hardly moves stays."""
+    """Step that leaves the least of the residuals, no longer than the radius."""
     if slopes.shape[1] == 0:
         return np.zeros(0)
-    left, values, right = np.linalg.svd(slopes, full_matrices=False)
-    along = left.T @ residuals
-    keep = values > 1e-6 * values[0] if values[0] > 0 else np.zeros(len(values), bool)
-
-    def step(damping: float) -> Array:
-        factors = np.where(keep, values / np.where(keep, values**2 + damping, 1.0), 0.0)
-        return np.asarray(-right.T @ (factors * along))
-
-    if np.linalg.norm(step(0.0)) <= radius:
-        return step(0.0)
-    low = 0.0
-    high = float(np.linalg.norm(values * along) / radius) + 1e-300
-    for _ in range(60):
-        middle = 0.5 * (low + high) if low == 0.0 else float(np.sqrt(low * high))
-        low, high = (middle, high) if np.linalg.norm(step(middle)) > radius else (low, middle)
-        if high - low <= 0.05 * high:
-            break
-    return step(high)
+    anywhere = np.full(slopes.shape[1], np.inf)
+    return trusted_step(slopes, residuals, (-anywhere, anywhere), radius)
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,7 @@ def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict
 
 
 def _ways(kind: str, whose: Any, columns: Array, scene: Scene) -> Iterator[tuple[str, str, Any]]:
-    """What may be wrong of some variables, in which unit, and how far (m) the tip moves for one: columns (3, n), its derivatives."""
+    """Ways in which variables may be wrong, each with its unit and how far (m) that moves the tip: columns (3, n), its derivatives."""
     degree = np.deg2rad(1.0)
     moved = float(np.linalg.norm(columns))
     if kind == "magnetization":

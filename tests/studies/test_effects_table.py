@@ -255,7 +255,7 @@ def test_a_motion_that_takes_too_long_is_judged_by_its_first_part() -> None:
     """Its weight moves it by a tenth of its length soon, and how far in all is not known."""
     swinging = moving_scene(BODY, {"gravity": {}, "damping": {"rate": 1e-6}})
     told = advise(swinging, "gravity", Variants(swinging, longest=0.05))
-    assert (told.shift, told.advice) == (None, "keep")
+    assert (told.shift_m, told.advice) == (None, "keep")
     assert "more than 1 % of its length, within its first" in told.why
 
 

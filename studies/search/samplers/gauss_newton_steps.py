@@ -176,7 +176,7 @@ class Coordinates:
             Greatest length of the step.
         curvature : float, default 0.0
             A guess of half the second derivative of the residuals along a step (see
-            `_trusted`).
+            `trusted_step`).
 
         Returns
         -------
@@ -185,7 +185,7 @@ class Coordinates:
         """
         basis, low, high = self.tangent(x)
         J = jacobian @ basis
-        p = _trusted(J, residuals, (low, high), radius, curvature)
+        p = trusted_step(J, residuals, (low, high), radius, curvature)
         parts = zip(self.blocks, self.places, self._split(p), strict=True)
         p = np.concatenate([block.within(x[place], part) for block, place, part in parts])
         left = residuals + J @ p
@@ -209,19 +209,40 @@ class Coordinates:
         return float(np.mean(np.linalg.norm(jacobian @ self.tangent(x)[0], axis=0))) / 2
 
 
-def _trusted(
-    J: Array, r: Array, bounds: tuple[Array, Array], radius: float, curvature: float
+def trusted_step(
+    J: Array, r: Array, bounds: tuple[Array, Array], radius: float, curvature: float = 0.0
 ) -> Array:
-    """The best of the steps (J^T J + damping) p = -J^T r on the free variables, within bounds and |p| <= radius, over all dampings.
+    """Find the best of the steps (J^T J + damping) p = -J^T r on the free variables, within bounds and |p| <= radius, over all dampings.
 
     The best has the least |r + J p|^2 + (curvature |p|^2)^2: what the linear model leaves, and what it does not know. Without the second
     term the last hundredth of a decrease is often sought far away, in directions that hardly matter.
+
+    Parameters
+    ----------
+    J : array (m, q)
+        Derivatives of the residuals.
+    r : array (m,)
+        Residuals.
+    bounds : tuple of array (q,)
+        Lower and upper ones of the step.
+    radius : float
+        Greatest length of the step.
+    curvature : float, default 0.0
+        Half the second derivative of the residuals along a step.
+
+    Returns
+    -------
+    array (q,)
+        The step.
     """
     largest = float(np.linalg.norm(J, 2))
     if largest == 0.0:
         return np.zeros(J.shape[1])
+    less = 1e-6 * largest  # directions that hardly matter stay as they are
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    along, (low, high) = U.T @ r, bounds
+    s = np.where(s > less, s, 0.0)
+    along = U.T @ r
+    low, high = bounds
 
     def damped(root: float) -> Array:
         p = np.asarray(-(Vt.T * (s / (s * s + root * root))) @ along)
@@ -239,7 +260,6 @@ def _trusted(
         left = r + J @ p
         return float(left @ left) + (curvature * size) ** 2 if size <= radius * radius else math.inf
 
-    less = 1e-6 * largest  # directions that hardly matter stay as they are
     more = largest + float(np.linalg.norm(J.T @ r)) / (radius * largest)
     while np.linalg.norm(damped(more)) > radius:
         more *= 4.0
