@@ -243,7 +243,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
             f" {'not reached' if first is None else f'reached in trial {first}'}"
         )
     lines += [f"  warning          {line}" for line in on_the_brink(report.best)]
-    lines += [f"  judged finer     {line}" for line in verified_lines(report.judged)]
+    lines += [f"  judged finer     {line}" for line in verified_lines(report.verified)]
     lines += [f"  held back        {one['says']}" for one in report.limits]
     if report.seconds_per_trial is not None:
         lines.append(

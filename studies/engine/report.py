@@ -109,7 +109,7 @@ class StudyReport:
     exchanged : int
         Trials beyond the wanted ones that exchanged a direction of the best design, or went a
         step on from it.
-    judged : list of dict[str, Any]
+    verified : list of dict[str, Any]
         The best designs on finer grids, best first.
     """
 
@@ -138,7 +138,7 @@ class StudyReport:
     study_file: str | None = None
     limits: list[dict[str, Any]] = field(default_factory=list)
     exchanged: int = 0
-    judged: list[dict[str, Any]] = field(default_factory=list)
+    verified: list[dict[str, Any]] = field(default_factory=list)
 
     def __repr__(self) -> str:
         best = (
@@ -394,7 +394,7 @@ def verified(
     Returns
     -------
     list of dict[str, Any]
-        Best first. Each has number, rms_m (of the trial), trial_cells, judged_rms_m (m), which
+        Best first. Each has number, rms_m (of the trial), trial_cells, verified_rms_m (m), which
         is right to error_estimate_m, cells_across, and coarse_error_m, bound of the trial's own
         error, None where the coarse grid was not among those that were tried; or a `reason`.
     """
@@ -411,8 +411,8 @@ def verified(
     return sorted(
         found,
         key=lambda one: (
-            one.get("judged_rms_m") is None,
-            one.get("judged_rms_m", 0.0),
+            one.get("verified_rms_m") is None,
+            one.get("verified_rms_m", 0.0),
             one["number"],
         ),
     )
@@ -436,7 +436,7 @@ def _verified_one(
     assert result.resolution is not None
     return {
         **about,
-        "judged_rms_m": root_mean_square(gaps(result, study.target)),
+        "verified_rms_m": root_mean_square(gaps(result, study.target)),
         "error_estimate_m": result.error_estimate,
         "cells_across": result.resolution["cells_across"],
         "coarse_error_m": next(
@@ -466,7 +466,7 @@ def verified_lines(found: Sequence[dict[str, Any]]) -> list[str]:
             continue
         bar = "" if one["coarse_error_m"] is None else f" (to {1e3 * one['coarse_error_m']:.2g} mm)"
         lines.append(
-            f"trial {one['number']}: rms {1e3 * one['judged_rms_m']:.4g} mm, its shape right to"
+            f"trial {one['number']}: rms {1e3 * one['verified_rms_m']:.4g} mm, its shape right to"
             f" {1e3 * one['error_estimate_m']:.2g} mm at {one['cells_across']} cells;"
             f" {1e3 * one['rms_m']:.4g} mm{bar} in the trial, at {one['trial_cells']}"
         )

@@ -34,7 +34,7 @@ from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
 from magmpm.studies.search.samplers.choice import whole_definition
 
-VERIFIED = "judged"  # attribute of a study: its best designs on finer grids
+VERIFIED = "verified"  # attribute of a study: its best designs on finer grids
 STARTS = "starts"  # attribute of a study: the rod's designs
 
 
@@ -192,12 +192,22 @@ class StudySession:
                 )
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
+    def _verified(self) -> list[dict[str, Any]]:
+        """What is known of the best designs on finer grids; studies of before 0.1.0 called it judged."""
+        notes = self.store(lambda: self.kept.user_attrs)
+        if VERIFIED in notes:
+            return list(notes[VERIFIED])
+        return [
+            {key.replace("judged", "verified"): value for key, value in one.items()}
+            for one in notes.get("judged", [])
+        ]
+
     def verify_best(self) -> None:
         """Runs the best designs with the error that the study's scene requests, if it does. What is found is kept with the study."""
         if self.study.requested is None:
             return
         self.note("the best designs on finer grids")
-        known = self.store(lambda: self.kept.user_attrs.get(VERIFIED, []))
+        known = self._verified()
         best = report.nearest_first(self.finished())
         found = verified(
             self.study,
@@ -291,7 +301,7 @@ class StudySession:
             reasons=[
                 t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)
             ],
-            judged=self.store(lambda: self.kept.user_attrs.get(VERIFIED, [])),
+            verified=self._verified(),
             study_file=str(self.study.path.resolve()),
             limits=(
                 findings(self.study, self.space, trials)

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -175,34 +177,41 @@ def studied(folder: Path, grid: Grid) -> StudyReport:
 def test_the_best_designs_are_judged_with_their_errors(tmp_path: Path) -> None:
     grid = Grid()
     report = studied(tmp_path, grid)
-    first = min(report.judged, key=lambda one: one["rms_m"])
+    first = min(report.verified, key=lambda one: one["rms_m"])
     assert first["number"] == report.best["number"]
-    assert [one["judged_rms_m"] for one in report.judged] == sorted(
-        one["judged_rms_m"] for one in report.judged
+    assert [one["verified_rms_m"] for one in report.verified] == sorted(
+        one["verified_rms_m"] for one in report.verified
     )
-    for one in report.judged:
+    for one in report.verified:
         assert (one["error_estimate_m"], one["cells_across"], one["coarse_error_m"]) == (
             2e-5,
             4,
             COARSE,
         )
-        assert abs(one["judged_rms_m"] - one["rms_m"]) < COARSE
+        assert abs(one["verified_rms_m"] - one["rms_m"]) < COARSE
     near = sorted(rms for rms in report.rms_m if rms <= report.best["rms_m"] + 2 * COARSE)
-    assert sorted(one["rms_m"] for one in report.judged) == near[:5], (
+    assert sorted(one["rms_m"] for one in report.verified) == near[:5], (
         "those that the coarse grid can't tell from the best, and no others"
     )
     assert all(scene.resolution.error == 0.001 for scene in grid.solved)
 
     before = len(grid.solved)
     again = studied(tmp_path, grid)
-    assert again.judged == report.judged
-    assert len(grid.solved) == before, "what was judged is kept with the study"
+    assert again.verified == report.verified
+    assert len(grid.solved) == before, "what was verified is kept with the study"
+    with closing(sqlite3.connect(tmp_path / "out/study.db")) as old, old:
+        old.execute(
+            "UPDATE study_user_attributes SET key = 'judged', value_json ="
+            " replace(value_json, 'verified', 'judged') WHERE key = 'verified'"
+        )
+    assert studied(tmp_path, grid).verified == report.verified, "by its name before 0.1.0"
+    assert len(grid.solved) == before
 
 
 def test_a_design_that_fails_on_finer_grids_keeps_the_reason(tmp_path: Path) -> None:
     report = studied(tmp_path, Grid(fails=True))
-    assert report.judged[0]["number"] == report.best["number"]
-    assert "no equilibrium was found" in report.judged[0]["reason"]
+    assert report.verified[0]["number"] == report.best["number"]
+    assert "no equilibrium was found" in report.verified[0]["reason"]
 
 
 def test_another_error_is_another_study(tmp_path: Path) -> None:

@@ -227,12 +227,12 @@ def accuracy(facts: Mapping[str, Any]) -> Markup:
         [
             one["number"],
             _mm(one["rms_m"]),
-            _mm(one["judged_rms_m"]),
+            _mm(one["verified_rms_m"]),
             _mm(one.get("error_estimate_m")),
             one.get("cells_across", ""),
         ]
-        for one in facts.get("judged") or []
-        if one.get("judged_rms_m") is not None
+        for one in facts.get("verified") or []
+        if one.get("verified_rms_m") is not None
     ]
     head = [
         "trial",
