@@ -281,7 +281,7 @@ class ContactForce(Smooth):
     def _named(self, answer: Answer, at: str) -> str:
         """Its name in contacts.csv, where a pair has one order. Raises InputError."""
         named = answer.scene.effects.named()
-        known = [key for key in ("ground", "walls") if key in named]
+        known: list[str] = [key for key in ("ground", "walls") if key in named]
         if "self_contact" in named:
             known += answer.pairs
         key, _, two = self.of.partition(": ")

@@ -82,8 +82,8 @@ def values_and_slopes(
     def region(of: str) -> int | None:
         return None if of == "body" else names.index(of)
 
-    def place(of: str, k: int) -> Array:
-        there = near(k)
+    def place(of: str, k: float) -> Array:
+        there = near(int(k))
         if there is None:
             return np.zeros((3, len(ways)))
         if of == "tip":
@@ -91,8 +91,8 @@ def values_and_slopes(
             return np.asarray(there.tip @ turns)
         return there.mean(region(of)) @ turns
 
-    def moment(of: str, k: int) -> Array:
-        there = near(k)
+    def moment(of: str, k: float) -> Array:
+        there = near(int(k))
         return np.zeros((3, 3, len(ways))) if there is None else there.moments(region(of)) @ turns
 
     def force(of: str, k: int) -> Array:
