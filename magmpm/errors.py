@@ -478,7 +478,7 @@ def in_mm(place: Iterable[float], digits: str = ".3g") -> str:
 
 
 def lengths(values: Iterable[float]) -> str:
-    """Write lengths in one unit with three decimals: "(38.670, 0.000, 10.366) mm"; small ones in µm, nm or pm.
+    """Write lengths in one unit with three decimals: "(38.670, 0.000, 10.366) mm"; small ones in µm, nm or pm, rounding in mm.
 
     Parameters
     ----------
@@ -492,7 +492,7 @@ def lengths(values: Iterable[float]) -> str:
     """
     largest = max((abs(float(value)) for value in values if math.isfinite(value)), default=0.0)
     size, unit = next(
-        (u for u in LENGTHS if largest >= u[0]), LENGTHS[-1] if largest > 0 else LENGTHS[0]
+        (u for u in LENGTHS if largest >= u[0]), LENGTHS[-1] if largest >= 5e-16 else LENGTHS[0]
     )
     return f"({', '.join(fixed(float(value) / size, 3) for value in values)}) {unit}"
 

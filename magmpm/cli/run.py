@@ -240,8 +240,7 @@ def _resolution(result: Result) -> list[str]:
     tried = ", ".join(str(one["cells_across"]) for one in result.resolution["tried"])
     return [
         f"  error           at most {quantity(result.error_estimate, 'm')}, {significant(share)} "
-        f"% of the length: {result.resolution['cells_across']} cells across, checked against "
-        f"{tried}"
+        f"% of the length: {result.resolution['cells_across']} cells across; tried: {tried}"
     ]
 
 

@@ -5,7 +5,7 @@ To add an effect: one file (docs/adding_an_effect.md has a worked example), and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, ClassVar, Literal, get_args
 
@@ -246,10 +246,15 @@ class Effects(Settings):
     @model_validator(mode="before")
     @classmethod
     def _of_a_list(cls, data: Any) -> Any:
-        """Effects made in Python may be given as a list: each knows its key."""
-        if isinstance(data, Sequence) and data and all(isinstance(one, Effect) for one in data):
-            return {one.key(): one for one in data}
-        return data
+        """Effects made in Python may be given as one, or as a list: each knows its key."""
+        if isinstance(data, Effect):
+            return {data.key(): data}
+        if not isinstance(data, (list, tuple)) or not any(isinstance(one, Effect) for one in data):
+            return data
+        for k, one in enumerate(data):
+            if not isinstance(one, Effect):
+                raise fault("must be an effect", "write, say, Gravity()", (k,))
+        return {one.key(): one for one in data}
 
     @model_validator(mode="after")
     def _auto_stands_alone(self) -> Effects:

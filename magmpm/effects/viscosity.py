@@ -149,7 +149,10 @@ class Viscosity(Effect):
                 "effects.viscosity.loss_factor",
                 received=f"{self.loss_factor:g}, for materials of {words}",
                 rule="all that moves must have one shear modulus, of which the branches are parts",
-                remedy="name `viscosity`, or `branches` with moduli of their own",
+                remedy=(
+                    "write `viscosity: {viscosity: 50 Pa s}` in its place (at a frequency f it is"
+                    " G tan(delta) / (2 pi f)), or `branches` with moduli of their own"
+                ),
             )
 
     def records(

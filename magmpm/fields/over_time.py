@@ -116,7 +116,7 @@ class Keyframe(Settings):
 
 
 _TABLE = named_table(
-    lambda path: tuple(Keyframe.model_validate(row) for row in read_schedule(path)),
+    lambda path: tuple(Keyframe(**row) for row in read_schedule(path)),
     "table: ../measured/current.csv",
 )
 

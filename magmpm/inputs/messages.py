@@ -135,6 +135,9 @@ def _locate(data: Any, location: tuple[Any, ...], *, absent: bool) -> tuple[Key,
         if inside:
             at = (*at, part)
             data = data[part]
+        elif isinstance(data, BaseModel) and part in data.model_fields_set:  # made in Python
+            at = (*at, part)
+            data = getattr(data, part)
         elif absent and n == len(location) - 1:
             return (*at, part), None, False
     return at, data, True
@@ -151,10 +154,11 @@ def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Prob
             at, show(value), rule, f"remove it; available: {', '.join(known)}", later=True
         )
     values = _locate(data, at[:-1], absent=False)[1]
+    beside = values if isinstance(values, Mapping) else {}
     instead: Instead | None = getattr(parent, "by_other_keys", lambda key, values: None)(
-        key, values if isinstance(values, Mapping) else {}
+        key, beside
     )
-    near = None if parent is None else _nearest_key(parent, key)
+    near = None if parent is None else _nearest_key(parent, key, beside)
     within = sorted(
         _homes(model, key), key=lambda home: home[: len(at) - 1] != at[:-1]
     )  # first those below the place where it stands
@@ -179,10 +183,15 @@ def plain_word(key: str) -> str:
     return re.sub(r"[\s-]+", "_", key.strip().lower().replace("'", ""))
 
 
-def _nearest_key(parent: type[BaseModel], key: str) -> str | None:
-    """The known key of a part of a file nearest to an unknown one; None where nothing is near."""
-    near = difflib.get_close_matches(plain_word(key), parent.model_fields, n=1, cutoff=0.6)
-    return near[0] if near else None
+def _nearest_key(parent: type[BaseModel], key: str, beside: Mapping[str, Any]) -> str | None:
+    """The known key nearest to an unknown one: of those that must be there and are missing, of the missing, of all. None: none is near."""
+    missing = [name for name in parent.model_fields if name not in beside]
+    needed = [name for name in missing if parent.model_fields[name].is_required()]
+    for known in (needed, missing, parent.model_fields):
+        near = difflib.get_close_matches(plain_word(key), known, n=1, cutoff=0.6)
+        if near:
+            return near[0]
+    return None
 
 
 def _inner(annotation: Any) -> list[Any]:

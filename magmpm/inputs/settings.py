@@ -6,7 +6,6 @@ Python (no file in the validation context) also take bare floats, in SI. Either 
 
 import json
 from collections.abc import Mapping
-from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -19,7 +18,6 @@ from pydantic import (
     SerializationInfo,
     ValidationError,
     ValidationInfo,
-    model_validator,
 )
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -43,7 +41,21 @@ MOST_SHOWN = 20  # problems of a file: more would hide the first
 MOST_WORDED = 500
 
 
-class Settings(BaseModel):
+class _Told(type(BaseModel)):  # type: ignore[misc]
+    """Makes objects in Python. What pydantic refuses, its validators of the whole object among them, is told as of files."""
+
+    def __call__(cls, *positional: Any, **given: Any) -> Any:
+        try:
+            return super().__call__(*positional, **given)
+        except ValidationError as error:
+            problems, left = _problems(cls, given, error)
+            raise _told(problems, left, None, {}) from None
+
+
+_MADE: Any = _Told  # mypy knows pydantic's metaclass by a private name alone
+
+
+class Settings(BaseModel, metaclass=_MADE):  # type: ignore[misc]
     """Base of every part of a scene or study: immutable, and unknown keys are errors.
 
     `not_there_yet`: published keys that this version does not have yet, with what they are for; `unknown_key`: the remedy for a key of
@@ -51,24 +63,8 @@ class Settings(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    in_python: ClassVar[ContextVar[bool]] = ContextVar("in_python", default=False)
     not_there_yet: ClassVar[Mapping[str, str]] = {}
     unknown_key: ClassVar[str] = "remove it"
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _told_in_python(cls, data: Any, handler: Any, info: ValidationInfo) -> Any:
-        """Raises InputError in place of pydantic's error where an object is made in Python, of the outermost one, whose keys it names."""
-        if info.context is not None or cls.in_python.get():
-            return handler(data)
-        within = cls.in_python.set(True)
-        try:
-            return handler(data)
-        except ValidationError as error:
-            problems, left = _problems(cls, data, error)
-            raise _told(problems, left, None, {}) from None
-        finally:
-            cls.in_python.reset(within)
 
     @staticmethod
     def by_other_keys(key: str, values: Any) -> Instead | None:

@@ -211,6 +211,10 @@ def _expanded(data: Any, parts: list[str | int | None], before: Place) -> Iterat
             yield from _expanded(each, rest, (*before, k))
     elif part is not None and _has(data, part):
         yield from _expanded(data[part], rest, (*before, part))
+    elif isinstance(part, str) and isinstance(data, list) and len(data) == 1:
+        yield from _expanded(
+            data[0], parts, (*before, 0)
+        )  # the only magnet may stand without a list
 
 
 def _has(data: Any, part: str | int) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import SceneError, SolveError, TimeOver
+from magmpm.errors import SceneError, SolveError, TimeOver, quantity
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells, knots_of
 from magmpm.statics import error_estimate as law
@@ -322,10 +322,10 @@ def _out_of_reach(
         limits = ""
     elif cells is None:
         end = max(search.proof)
-        off = 100 * law.foretold(search.errors, end) / length
+        off = law.foretold(search.errors, end)
         why = (
-            f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as"
-            f" {tried} cells tell"
+            f"{end} cells across, the most whose error can be proven, are off by"
+            f" {quantity(off, 'm')} ({100 * off / length:.2g} %), as {tried} cells tell"
         )
     else:
         needed = search.grids.size(search.proof[cells])
@@ -335,8 +335,8 @@ def _out_of_reach(
             f" GB and {seconds:.2g} s"
         )
     remedy = (
-        f"request {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells "
-        "give"
+        f"request {_up(1e3 * search.errors[tried]):.2g} mm, or"
+        f" {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells give"
     )
     if most > tried:
         remedy += (

@@ -55,6 +55,7 @@ def test_quantity(value: float, unit: str, text: str) -> None:
 
 def test_lengths_share_a_unit_that_shows_them() -> None:
     assert lengths([0.03867, -1e-9, 0.010366]) == "(38.670, 0.000, 10.366) mm"
+    assert lengths([1e-18, 0.0, 0.0]) == "(0.000, 0.000, 0.000) mm"  # rounding
     assert lengths([20e-9, 0.0, -1.5e-9]) == "(20.000, 0.000, -1.500) nm", (
         "a body of 20 nm is not 0.000 mm long"
     )

@@ -27,6 +27,17 @@ def test_a_star_names_each_of_a_list() -> None:
     assert changed(SCENE, dict.fromkeys(found, -1.0)).regions()[2].magnetization == (-1, 0, 0)
 
 
+def test_the_only_one_of_a_list_needs_no_index() -> None:
+    """As in a scene file, where one dipole may stand without a list; of two, the remedy names both."""
+    one = {"position": [0.05, 0.0, 0.0], "moment": [1.0, 0.0, 0.0]}
+    data = {**SCENE.to_si(), "field": {"dipole": one}}
+    alone = Scene.from_si(data)
+    assert places(alone, "field.dipole.position[2]") == [("field", "dipole", 0, "position", 2)]
+    two = Scene.from_si({**data, "field": {"dipole": [one, one]}})
+    with pytest.raises(InputError, match=r"did you mean field\.dipole\[\*\]\.position"):
+        places(two, "field.dipole.position[2]")
+
+
 def test_names_may_hold_spaces() -> None:
     name = next(iter(SCENE.materials))
     (place,) = places(SCENE, f"materials.{name}.shear_modulus")

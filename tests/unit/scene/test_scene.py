@@ -237,6 +237,52 @@ def test_scenes_are_immutable(five: Scene) -> None:
         five.materials["new"] = five.materials["magnetic silicone"]
 
 
+def made_in_python(**changes: Any) -> Scene:
+    """A rod of objects, some of them others."""
+    segments = changes.pop("segments", [Segment(magnetization=(1, 0, 0))])
+    material = changes.pop("material", "silicone")
+    rod = Catheter(length=0.04, diameter=4e-3, material=material, segments=segments)
+    silicone = Material(shear_modulus=120e3, bulk_to_shear=20, density=1100)
+    effects = [MagneticTorque(), Gravity()]
+    data = {"body": rod, "effects": effects, "materials": {"silicone": silicone}}
+    return Scene(**{"name": "made", **data, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"material": "silicon"}, 'input: body.material: received "silicon"'),
+        ({"material": "silicon"}, 'did you mean "silicone"?'),
+        (
+            {"segments": [Segment(magnetization=(1, 0, 0), material="steel")]},
+            'input: body.segments[0].material: received "steel"',
+        ),
+        ({"effects": [Gravity(), "damping"]}, 'input: effects[1]: received "damping"'),
+        (
+            {"materials": {"silicone": Material(shear_modulus=120e3, bulk_to_shear=20)}},
+            "input: materials.silicone.density: received nothing",
+        ),
+    ],
+)
+def test_rules_of_the_whole_scene_are_told_in_python(changes: dict[str, Any], told: str) -> None:
+    """By key and value of the objects that were given, not as pydantic's error."""
+    with pytest.raises(InputError, match=r".") as error:
+        made_in_python(**changes)
+    assert told in str(error.value)
+
+
+def test_one_effect_needs_no_list() -> None:
+    one = made_in_python(effects=Gravity())
+    assert list(one.effects.named()) == ["gravity"]
+    assert one == made_in_python(effects=[Gravity()])
+
+
+def test_a_key_that_is_there_already_is_not_what_was_meant() -> None:
+    """Of a tube, `outer_diameter` is the diameter, though `inner_diameter` is spelled more like it."""
+    with pytest.raises(InputError, match='did you mean "diameter"'):
+        Catheter(length=0.04, outer_diameter=4e-3, material="m", segments=[])  # type: ignore[call-arg]
+
+
 def test_scenes_are_made_in_python_in_si() -> None:
     silicone = Material(shear_modulus=120e3, bulk_to_shear=20, density=1882.0, remanence="138 mT")  # type: ignore[arg-type]
     segment = Segment(magnetization=(3, 0, 4))
@@ -441,9 +487,7 @@ def test_bounds_of_a_schedule_s_table_are_a_keyframe_s(column: str) -> None:
 
     def accepts(number: float) -> bool:
         try:
-            Keyframe.model_validate(
-                {"time": 0.0, key: number if key == column else [number, 0.0, 0.0]}
-            )
+            Keyframe(**{"time": 0.0, key: number if key == column else [number, 0.0, 0.0]})
         except InputError:
             return False
         return True
