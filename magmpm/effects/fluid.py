@@ -162,7 +162,7 @@ class Fluid(Effect):
             raise SceneError(
                 "effects.fluid",
                 found=f"{name} has a closed cavity",
-                rule="what a fluid lifts and carries is the material, and in a cavity there is none",
+                rule="a fluid lifts and carries the material, and a cavity has none",
                 remedy="fill the cavity with a part of its own, or leave it out of the mesh",
             )
 
