@@ -175,7 +175,7 @@ def _axis(path: Path, coordinates: Array, name: str) -> Array:
     return even
 
 
-def read_schedule(path: Path | str) -> list[dict[str, object]]:
+def read_schedule(path: Path | str) -> list[dict[str, Any]]:
     """A schedule: one dict a row with `time` s and, where the table has them, `strength`, `uniform` (Bx, By, Bz) T, `move` (x, y, z) m.
 
     Raises TableError naming file, line, value received, rule and remedy.
@@ -200,9 +200,9 @@ def read_schedule(path: Path | str) -> list[dict[str, object]]:
         raise lines[at].error(
             "times must rise from row to row", "sort the rows, each time once", received
         )
-    out: list[dict[str, object]] = []
+    out: list[dict[str, Any]] = []
     for row in rows.tolist():
-        frame: dict[str, object] = {"time": row[names.index("time")]}
+        frame: dict[str, Any] = {"time": row[names.index("time")]}
         if "strength" in names:
             frame["strength"] = row[names.index("strength")]
         for key, group in groups.items():

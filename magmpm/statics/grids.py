@@ -87,7 +87,7 @@ class Grids(ABC):
 
     @abstractmethod
     def effort(self, cells: int, steps: float) -> float:
-        """What a run on a grid takes, in multiply-adds or a unit of its own; steps: factorizations, of single equilibria."""
+        """Work of a run on a grid, in multiply-adds or a unit of its own; steps: factorizations."""
 
     def takes(self, cells: int, proof: bool) -> float:
         """Seconds that solving or proving will take on a grid, at the better pace of the last two that were solved."""

@@ -193,7 +193,7 @@ class StudySession:
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def _verified(self) -> list[dict[str, Any]]:
-        """What is known of the best designs on finer grids; studies of before 0.1.0 called it judged."""
+        """Best designs on finer grids, as far as they are known; studies of before 0.1.0 called it judged."""
         notes = self.store(lambda: self.kept.user_attrs)
         if VERIFIED in notes:
             return list(notes[VERIFIED])
