@@ -125,7 +125,7 @@ def test_a_tube_is_a_catheter_with_a_bore(tmp_path: Path) -> None:
         (lambda: Tube(length="4 cm"), "inner_diameter: received nothing"),
         (
             lambda: bent(effects=[Gravity(), {"magnetic_torque": {}}]),
-            r"effects: received .*\n.*must be a mapping",
+            r"effects\[1\]: received .*\n.*must be an effect",
         ),
         (
             lambda: Scene(name="x", materials={"m": {"shear_modulus": "1"}}, body={}),
