@@ -135,6 +135,7 @@ def test_derivatives_along_a_path_are_those_of_runs(
             assert one.slope[k] == pytest.approx(difference, abs=most * size), (name, at)
 
 
+@pytest.mark.slow
 def test_the_tip_is_led_sideways_at_each_depth(tmp_path: Path) -> None:
     """To where a hidden design leads it: a direction of a segment, and a field for each depth, that do the same are found."""
     free = FED.replace(", " + LUMEN, "")
