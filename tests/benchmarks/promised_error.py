@@ -94,7 +94,7 @@ def judged(scene: Scene, seed: int) -> dict[str, Any]:
 
 def told(row: dict[str, Any]) -> str:
     """A scene in a line."""
-    begin = f"{row['name']:26s} L/D {row['slenderness']:4.1f}, asked {100 * row['asked']:.3f} %"
+    begin = f"{row['name']:26s} L/D {row['slenderness']:4.1f}, asked {100 * row['requested']:.3f} %"
     if "failed" in row:
         return f"{begin}: {row['failed'][:300]}"
     promised = 100 * row["promised"] / row["length"]

@@ -191,7 +191,8 @@ def test_docstrings_name_what_is_taken_and_returned(name: str) -> None:
     assert faults(THINGS[name]) == []
 
 
-LONG = ("Motion", "Sensitivities", "compare", "error", "sensitivities")  # they compile, and run several times
+# they compile, and run several times
+LONG = ("Motion", "Sensitivities", "compare", "error", "sensitivities")
 
 
 @pytest.mark.parametrize(
