@@ -184,12 +184,12 @@ class SearchSpace:
         Limits aside.
         """
         lengths = sum(number.what == "length" for number in self.numbers_within)
-        return sum(block.freedom for block in self.blocks) - int(lengths > 0 and self.keeps_length)
+        return self.coordinates.freedom - int(lengths > 0 and self.keeps_length)
 
     @cached_property
     def bounds(self) -> dict[str, tuple[float, float]]:
         """Least and greatest value of each numeric parameter, by name, in the order of the blocks."""
-        return {name: pair for block in self.blocks for name, pair in block.bounds().items()}
+        return self.coordinates.bounds()
 
     @property
     def choices(self) -> tuple[SegmentOrder, ...]:
@@ -222,7 +222,7 @@ class SearchSpace:
         dict[str, BaseDistribution]
             Distributions by name.
         """
-        return {name: kind for block in self.blocks for name, kind in block.distributions().items()}
+        return self.coordinates.distributions()
 
     # parameters <-> embedded coordinates
 
@@ -256,12 +256,8 @@ class SearchSpace:
         dict[str, Any]
             The design.
         """
-        found: dict[str, Any] = {}
-        for block, at in self.parts:
-            if isinstance(block, SegmentOrder):
-                found[block.name] = order or orders(self.scene, own=True)[0]
-            found |= block.write(block.nearest(np.asarray(x, dtype=float)[at]))
-        return found
+        own = order or orders(self.scene, own=True)[0] if self.choices else None
+        return self.coordinates.write(self.nearest(x)) | {one.name: own for one in self.choices}
 
     def nearest(self, x: Array) -> Array:
         """Find the embedded coordinates of the nearest design, block by block.
@@ -276,8 +272,7 @@ class SearchSpace:
         array (size,)
             Embedded coordinates of a design.
         """
-        parts = [block.nearest(np.asarray(x, dtype=float)[at]) for block, at in self.parts]
-        return np.concatenate([np.zeros(0), *parts])
+        return self.coordinates.nearest(np.asarray(x, dtype=float))
 
     def drawn(self, rng: np.random.Generator) -> Array:
         """Draw a random design: directions uniform on the sphere, numbers between their bounds.
@@ -292,7 +287,7 @@ class SearchSpace:
         array (size,)
             Its embedded coordinates.
         """
-        return np.concatenate([np.zeros(0), *(block.drawn(rng) for block in self.blocks)])
+        return self.coordinates.drawn(rng)
 
     # designs as directions and plain numbers, for samplers with kernels on the sphere (tpe.py)
 

@@ -6,13 +6,16 @@ The part of the Gauss-Newton sampler (gauss_newton.py) that knows geometry. Like
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm.studies.search.samplers.blocks import Array, Block
+
+if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
 
 DAMPINGS = 24  # tried along the path of steps
 
@@ -36,7 +39,18 @@ class Step:
     promised: float
 
 
-class Coordinates:
+def _slices(sizes: Sequence[int]) -> list[slice]:
+    """Places of pieces of these sizes, one after the other."""
+    ends = np.cumsum(sizes).tolist()
+    return [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
+
+
+def _joined(parts: Iterable[Array]) -> Array:
+    """One array of the parts, of none an empty one."""
+    return np.concatenate([np.zeros(0), *parts])
+
+
+class Coordinates(Block):
     """All blocks together: parameters, their k coordinates, and steps in them.
 
     Parameters
@@ -48,116 +62,52 @@ class Coordinates:
     def __init__(self, blocks: Sequence[Block]) -> None:
         self.blocks = tuple(blocks)
         self.size = sum(block.size for block in self.blocks)
-        ends = np.cumsum([block.size for block in self.blocks]).tolist()
-        self.places = [
-            slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True)
-        ]
+        self.freedom = sum(block.freedom for block in self.blocks)
+        self.places = _slices([block.size for block in self.blocks])
+        self._columns = _slices([block.freedom for block in self.blocks])
+
+    def _each(self, x: Array) -> Iterator[tuple[Block, Array]]:
+        """The blocks, each with its coordinates."""
+        return ((block, x[place]) for block, place in zip(self.blocks, self.places, strict=True))
+
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        return {name: pair for block in self.blocks for name, pair in block.bounds().items()}
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        return {name: kind for block in self.blocks for name, kind in block.distributions().items()}
 
     def read(self, params: Mapping[str, Any]) -> Array:
-        """Find the coordinates of parameters.
-
-        Parameters
-        ----------
-        params : Mapping[str, Any]
-            Values by name.
-
-        Returns
-        -------
-        array (k,)
-            The coordinates.
-        """
-        return np.concatenate([np.zeros(0), *(block.read(params) for block in self.blocks)])
+        return _joined(block.read(params) for block in self.blocks)
 
     def write(self, x: Array) -> dict[str, float]:
-        """Find the parameters of coordinates.
-
-        Parameters
-        ----------
-        x : array (k,)
-            The coordinates.
-
-        Returns
-        -------
-        dict[str, float]
-            Values by name.
-        """
         found: dict[str, float] = {}
-        for block, place in zip(self.blocks, self.places, strict=True):
-            found.update(block.write(x[place]))
+        for block, at in self._each(x):
+            found |= block.write(at)
         return found
 
+    def nearest(self, x: Array) -> Array:
+        return _joined(block.nearest(at) for block, at in self._each(x))
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        return _joined(block.drawn(rng) for block in self.blocks)
+
     def anywhere(self, u: Array) -> Array:
-        """Find a point for numbers from 0 to 1; uniform in them is uniform on spheres, in balls and between bounds.
-
-        Parameters
-        ----------
-        u : array (k,)
-            The numbers.
-
-        Returns
-        -------
-        array (k,)
-            Coordinates.
-        """
-        return np.concatenate(
-            [
-                block.anywhere(u[place])
-                for block, place in zip(self.blocks, self.places, strict=True)
-            ]
-        )
+        return _joined(block.anywhere(at) for block, at in self._each(u))
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
-        """Find the steps that are possible.
+        parts = [block.tangent(at) for block, at in self._each(x)]
+        basis = np.zeros((self.size, self.freedom))
+        for place, columns, (part, _, _) in zip(self.places, self._columns, parts, strict=True):
+            basis[place, columns] = part
+        return basis, _joined(low for _, low, _ in parts), _joined(high for _, _, high in parts)
 
-        Parameters
-        ----------
-        x : array (k,)
-            Coordinates.
-
-        Returns
-        -------
-        basis : array (k, q)
-            Of the steps.
-        low : array (q,)
-            Their lower bounds.
-        high : array (q,)
-            Their upper bounds.
-        """
-        parts = [
-            block.tangent(x[place]) for block, place in zip(self.blocks, self.places, strict=True)
-        ]
-        basis = np.zeros((self.size, sum(part[0].shape[1] for part in parts)))
-        column = 0
-        for place, (part, _, _) in zip(self.places, parts, strict=True):
-            basis[place, column : column + part.shape[1]] = part
-            column += part.shape[1]
-        return (
-            basis,
-            np.concatenate([part[1] for part in parts]),
-            np.concatenate([part[2] for part in parts]),
-        )
-
-    def _split(self, p: Array) -> list[Array]:
-        ends = np.cumsum([block.freedom for block in self.blocks])
-        return np.split(p, ends[:-1])
+    def within(self, x: Array, p: Array) -> Array:
+        each = zip(self._each(x), self._columns, strict=True)
+        return _joined(block.within(at, p[columns]) for (block, at), columns in each)
 
     def moved(self, x: Array, p: Array) -> Array:
-        """Find the point to which a step leads.
-
-        Parameters
-        ----------
-        x : array (k,)
-            Coordinates.
-        p : array (q,)
-            The step.
-
-        Returns
-        -------
-        array (k,)
-            Coordinates there.
-        """
-        parts = zip(self.blocks, self.places, self._split(p), strict=True)
-        return np.concatenate([block.moved(x[place], part) for block, place, part in parts])
+        each = zip(self._each(x), self._columns, strict=True)
+        return _joined(block.moved(at, p[columns]) for (block, at), columns in each)
 
     def step(
         self, x: Array, residuals: Array, jacobian: Array, radius: float, curvature: float = 0.0
@@ -186,8 +136,7 @@ class Coordinates:
         basis, low, high = self.tangent(x)
         J = jacobian @ basis
         p = trusted_step(J, residuals, (low, high), radius, curvature)
-        parts = zip(self.blocks, self.places, self._split(p), strict=True)
-        p = np.concatenate([block.within(x[place], part) for block, place, part in parts])
+        p = self.within(x, p)
         left = residuals + J @ p
         return Step(p, float(np.linalg.norm(p)), float(residuals @ residuals - left @ left))
 
