@@ -228,20 +228,7 @@ class Direction(Block):
         return _across(x), np.full(2, -math.pi), np.full(2, math.pi)
 
     def moved(self, x: Array, p: Array) -> Array:
-        """Find the point to which a step leads, along a great circle.
-
-        Parameters
-        ----------
-        x : array (3,)
-            Coordinates.
-        p : array (2,)
-            The step.
-
-        Returns
-        -------
-        array (3,)
-            Coordinates there.
-        """
+        # along a great circle
         angle = float(np.linalg.norm(p))
         if angle == 0.0:
             return x

@@ -22,6 +22,7 @@ This file and those it imports need Optuna, NumPy and SciPy alone; `make optunah
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -62,6 +63,7 @@ class PlanningSampler(optuna.samplers.BaseSampler):
         self._seed = seed
         self._starts = [dict(start) for start in starts]
 
+    @abstractmethod
     def plan(
         self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
     ) -> tuple[dict[str, float], dict[str, Any]]:
@@ -81,7 +83,6 @@ class PlanningSampler(optuna.samplers.BaseSampler):
         kept : dict[str, Any]
             What is kept with it.
         """
-        raise NotImplementedError  # no abstract class: OptunaHub's packages import no abc
 
     def infer_relative_search_space(
         self, study: optuna.Study, trial: FrozenTrial
