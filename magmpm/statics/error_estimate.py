@@ -53,28 +53,42 @@ INTERMEDIATE = {
 SAFETY = {2: 1.25, 3: 1.35}
 
 
-def bound(coarse: int, fine: int, difference: float, others: Mapping[int, float]) -> float:
+def bound(
+    coarse: int, fine: int, difference: float, others: Mapping[int, float], around: float = 0.0
+) -> float:
     """Bound (m) of the error of a grid that has this `difference` (m) from a finer one; grids by their cells across.
 
     others: distances (m) of grids in between from the finer one. Where one of these is farther from the finer grid than the coarse one is
     (bodies of large K/G), the two are close by chance, and the finer grid's own error, as the one in between tells it, counts.
+    around: as of `factor`.
     """
     own = [
         distance * left(n, fine) / (1.0 - left(n, fine))
         for n, distance in others.items()
         if n > coarse
     ]
-    return max(factor(coarse, fine) * difference, difference + WARY * max(own, default=0.0))
+    return max(factor(coarse, fine, around) * difference, difference + WARY * max(own, default=0.0))
 
 
-def factor(coarse: int, fine: int) -> float:
-    """The factor between the difference of two grids and the bound of the coarser one's error."""
-    return SAFETY.get(coarse, 1.0) / (1.0 - left(coarse, fine))
+def factor(coarse: int, fine: int, around: float = 0.0) -> float:
+    """The factor between the difference of two grids and the bound of the coarser one's error.
+
+    around: the part of a tube's error that more cells around its axis leave, `left_around`; 0 without such cells.
+    """
+    return SAFETY.get(coarse, 1.0) / (1.0 - max(left(coarse, fine), around))
 
 
 def left(coarse: int, fine: int) -> float:
     """The part of a grid's error that a finer one leaves, at most."""
     return (coarse / fine) ** ORDER
+
+
+def left_around(coarse: int, fine: int, order: float = 5.2) -> float:
+    """The part of the error of a tube's cells around its axis that more of them leave, at most. It does not depend on the other cells.
+
+    order: the slowest of six tubes, with walls of 0.1 to 0.65 of the radius, between 8 and 18 cells around, was 5.28 (docs/accuracy.md).
+    """
+    return (coarse / fine) ** order
 
 
 def foretold(errors: Mapping[int, float], cells: int) -> float:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.errors import SceneError, SolveError, TimeOver, quantity
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells, knots_of
@@ -76,7 +77,8 @@ class _GridSearch:
         others = {
             n: grids.distance_between(n, finer) for n in grids.solved if n < finer and n != cells
         }
-        known = law.bound(cells, finer, grids.distance_between(cells, finer), others)
+        around = max(left_around(scene, cells, finer) for scene in grids.scenes)
+        known = law.bound(cells, finer, grids.distance_between(cells, finer), others, around)
         self.errors[cells] = (
             max(
                 caution(scene.length / scene.thickness, _wall(scene, cells))
@@ -122,7 +124,31 @@ def known_error(grids: Grids, cells: int) -> ChosenGrid:
 
 def proofs(*scenes: Scene) -> dict[int, int]:
     """Finer grid that gives the error of a grid, by cells across."""
-    return PROOF | JOINTED if any(knots_of(scene).joints for scene in scenes) else PROOF
+    known = PROOF | JOINTED if any(knots_of(scene).joints for scene in scenes) else PROOF
+    return {
+        cells: max(_finer_around(scene, cells, finer) for scene in scenes)
+        for cells, finer in known.items()
+    }
+
+
+def _finer_around(scene: Scene, cells: int, finer: int) -> int:
+    """The coarsest grid from `finer` on with more cells around a tube's axis, whose number grows slowly; `finer` without such cells."""
+    around = _around(scene, cells)
+    while around and _around(scene, finer) <= around:
+        finer += 1
+    return finer
+
+
+def _around(scene: Scene, cells: int) -> int:
+    """Number of cells around a tube's axis on a grid; 0 where cells lie in rows."""
+    grid = scene.body.shape.grid(cells, knots_of(scene))
+    return grid.cells[1] if isinstance(grid, PolarGrid) else 0
+
+
+def left_around(scene: Scene, cells: int, finer: int) -> float:
+    """The part of the error of the cells around a tube's axis that a finer grid leaves, at most; 0 where cells lie in rows."""
+    around = _around(scene, cells)
+    return law.left_around(around, _around(scene, finer)) if around else 0.0
 
 
 def first_cells(scene: Scene) -> int:

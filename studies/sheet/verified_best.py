@@ -24,8 +24,9 @@ from magmpm.results.trajectory import Motion
 from magmpm.runs import distance
 from magmpm.scene import Scene, load_scene, memory
 from magmpm.simulate import run
-from magmpm.statics.error_estimate import PROOF, factor
+from magmpm.statics.error_estimate import factor
 from magmpm.statics.grids import operations
+from magmpm.statics.resolution import left_around, proofs
 from magmpm.studies.engine.records import BEST
 from magmpm.studies.evaluate.evaluator import evaluation_of
 from magmpm.studies.problem.shape_distance import root_mean_square
@@ -190,7 +191,7 @@ def finer(
     for the study's grid; rms_m, finer_rms_m: of this equilibrium from the target on either grid, None where the target is not at hand.
     """
     cells = last.scene.resolution.cells_across
-    proof = PROOF.get(cells)
+    proof = proofs(last.scene).get(cells)
     if proof is None:
         return f"not known: no finer grid tells the error of {cells} cells across"
     fine = last.scene.with_cells(proof)
@@ -213,7 +214,7 @@ def finer(
         "finer_cells": proof,
         "moved_m": moved,
         "tip_moved_m": tip,
-        "error_estimate_m": factor(cells, proof) * moved,
+        "error_estimate_m": factor(cells, proof, left_around(last.scene, cells, proof)) * moved,
     }
     return {**known, "rms_m": rms[0], "finer_rms_m": rms[1]}
 
