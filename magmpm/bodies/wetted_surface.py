@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,16 +49,21 @@ class WettedSurface:
         return WettedSurface(**both)
 
 
+class Scale(NamedTuple):
+    """The width, length, thickness and solid of a WettedSurface, where all of its pieces have the same."""
+
+    width: float
+    length: float
+    thickness: float = 0.0
+    solid: float = 1.0
+
+
 def pieces(
     kind: int,
     place: Array,
     tangents: Array,
     size: Array,
-    *,
-    width: float | Array,
-    length: float | Array,
-    thickness: float = 0.0,
-    solid: float = 1.0,
+    scale: Scale,
     region: NDArray[np.int64] | None = None,
 ) -> WettedSurface:
     """Pieces of one kind: numbers that hold for all may be given once."""
@@ -69,10 +74,10 @@ def pieces(
         np.ascontiguousarray(np.broadcast_to(tangents, (n, 2, 3)), dtype=float),
         np.ascontiguousarray(np.broadcast_to(size, n), dtype=float),
         np.zeros(n, np.int64) if region is None else region,
-        np.ascontiguousarray(np.broadcast_to(width, n), dtype=float),
-        np.ascontiguousarray(np.broadcast_to(length, n), dtype=float),
-        np.full(n, thickness),
-        np.full(n, solid),
+        np.full(n, scale.width),
+        np.full(n, scale.length),
+        np.full(n, scale.thickness),
+        np.full(n, scale.solid),
     )
 
 
@@ -88,19 +93,15 @@ def wetted_rod(faces: Array, *, outer: float, inner: float, base: bool) -> Wette
     side = np.column_stack([np.repeat(middle, around), np.tile(outer * circle, (len(middle), 1))])
     length = float(faces[-1] - faces[0])
     axis = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    scale: dict[str, Any] = {
-        "width": 2.0 * outer,
-        "length": length,
-        "solid": 1.0 - (inner / outer) ** 2,
-    }
-    found = pieces(ROUND, side, axis, np.repeat(np.diff(faces) / around, around), **scale)
+    scale = Scale(2.0 * outer, length, solid=1.0 - (inner / outer) ** 2)
+    found = pieces(ROUND, side, axis, np.repeat(np.diff(faces) / around, around), scale)
     # of a disk, points at the radius of gyration have its moments
     ring = math.sqrt((outer**2 + inner**2) / 2) * circle
     area = math.pi * (outer**2 - inner**2) / around
     for x, normal in ((faces[0], -1.0), (faces[-1], 1.0)):
         if normal > 0.0 or base:
             end = np.insert(ring, 0, x, axis=1)
-            found = found.joined(pieces(END, end, _across(normal), np.array(area), **scale))
+            found = found.joined(pieces(END, end, _across(normal), np.array(area), scale))
     return found
 
 
@@ -117,14 +118,14 @@ def wetted_strip(
     along, over = np.meshgrid(x, y, indexing="ij")
     place = np.column_stack([along.ravel(), over.ravel(), np.full(along.size, z)])
     sides = float(faces[-1] - faces[0]), float(across[-1] - across[0])
-    scale: dict[str, Any] = {"width": min(sides), "length": max(sides), "thickness": thickness}
+    scale = Scale(min(sides), max(sides), thickness)
     flat = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    found = pieces(FLAT, place, flat, np.outer(np.diff(faces), np.diff(span)).ravel(), **scale)
+    found = pieces(FLAT, place, flat, np.outer(np.diff(faces), np.diff(span)).ravel(), scale)
     for end, normal in ((faces[0], -1.0), (faces[-1], 1.0)):
         if normal > 0.0 or base:
             edge = np.column_stack([np.full(len(y), end), y, np.full(len(y), z)])
             area = thickness * np.diff(span)
-            found = found.joined(pieces(END, edge, _across(normal), area, **scale))
+            found = found.joined(pieces(END, edge, _across(normal), area, scale))
     return found
 
 
@@ -154,7 +155,7 @@ def wetted_parts(parts: list[Array], component: NDArray[np.integer], cell: float
         second = np.cross(area / size[:, None], first)
         tangents = np.stack([first, second], axis=1)
         region = np.full(len(size), k)
-        found.append(pieces(FACE, place, tangents, size, width=1.0, length=1.0, region=region))
+        found.append(pieces(FACE, place, tangents, size, Scale(1.0, 1.0), region))
     every = found[0]
     for one in found[1:]:
         every = every.joined(one)

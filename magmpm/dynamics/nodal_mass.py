@@ -18,6 +18,7 @@ Fed bodies keep the lumped mass: their guide holds nodes that change in time.
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,24 +138,25 @@ def nodal_mass(
         knots.append(knots[-1] + len(at))
     return NodalMass(
         mass,
-        _correction(model, chains, order, first, arm, plane_of, active, left, share, knots),
+        Correction(
+            order=order,
+            first=first,
+            arm=arm.ravel(),
+            plane=plane_of[active],
+            left=left,
+            share=share,
+            moving=np.array([1.0, 0.0 if model.plane_strain else 1.0, 1.0]),
+            plane_of=plane_of,
+            moment=np.zeros((len(left) + 1, 9)),
+            added=np.zeros((len(left) + 1, 9)),
+            **_of_chains(chains, knots),
+        ),
         tuple(chains),
     )
 
 
-def _correction(
-    model: Model,
-    chains: list[Chain],
-    order: Index,
-    first: Index,
-    arm: Array,
-    plane_of: Index,
-    active: Index,
-    left: Index,
-    share: Array,
-    knots: list[int],
-) -> Correction:
-    """The chains as kernels take them."""
+def _of_chains(chains: list[Chain], knots: list[int]) -> dict[str, Any]:
+    """The arrays of a Correction that hold its chains, by name."""
     factors = (
         [
             np.concatenate([[c.factors[k][m] for k in range(2)] for c in chains], axis=1)
@@ -165,27 +167,17 @@ def _correction(
     )
     empty = np.zeros((2, 0, FIELDS, FIELDS)), np.zeros((2, 0, KNOTS_APART, FIELDS, FIELDS))
     pivot, link = (np.ascontiguousarray(f) for f in factors or empty)
-    return Correction(
-        order=order,
-        first=first,
-        arm=arm.ravel(),
-        plane=plane_of[active],
-        left=left,
-        share=share,
-        chain=np.array(knots),
-        pivot=pivot,
-        link=link,
-        moving=np.array([1.0, 0.0 if model.plane_strain else 1.0, 1.0]),
-        plane_of=plane_of,
-        chain_of=np.repeat(np.arange(len(chains)), np.diff(knots)),
-        gain=np.concatenate([np.zeros(0), *[chain.gain.ravel() for chain in chains]]),
-        gain_at=np.cumsum([0, *[chain.gain.size for chain in chains]]),
-        moment=np.zeros((len(left) + 1, 9)),
-        added=np.zeros((len(left) + 1, 9)),
-        load=np.zeros((knots[-1], 9)),
-        ahead=np.zeros((knots[-1], 9)),
-        answer=np.zeros((2, knots[-1], 9)),
-    )
+    return {
+        "chain": np.array(knots),
+        "pivot": pivot,
+        "link": link,
+        "chain_of": np.repeat(np.arange(len(chains)), np.diff(knots)),
+        "gain": np.concatenate([np.zeros(0), *[chain.gain.ravel() for chain in chains]]),
+        "gain_at": np.cumsum([0, *[chain.gain.size for chain in chains]]),
+        "load": np.zeros((knots[-1], 9)),
+        "ahead": np.zeros((knots[-1], 9)),
+        "answer": np.zeros((2, knots[-1], 9)),
+    }
 
 
 def _components(base: Index, strides: tuple[int, int], free: NDArray[np.bool_]) -> Index:

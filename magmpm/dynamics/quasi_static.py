@@ -20,7 +20,7 @@ from magmpm.results.file_names import JUMPS, STEPS, forget_motion
 from magmpm.results.measures import region_means
 from magmpm.results.motion_tables import GrowingTable, jump_in_words, path_row
 from magmpm.results.strain import Strain, strain_of
-from magmpm.results.trajectory import MotionWriter
+from magmpm.results.trajectory import Instant, MotionWriter
 from magmpm.scene import Scene
 from magmpm.statics.branch import EquilibriumPath, Jump, Reached, point_of
 from magmpm.statics.contact import Held, contacts_at_rest
@@ -294,16 +294,9 @@ class _Files:
             {} if shape.touched is None else contacts_at_rest(model, shape.touched, shape.own)
         )
         known |= {key: contact["energy"] for key, contact in contacts.items()}
-        self.frames.frame(
-            state.time,
-            x,
-            np.zeros_like(x),
-            F,
-            stress,
-            known,
-            contacts,
-            model.field_at(x, state.time),
-        )
+        field = model.field_at(x, state.time)
+        at_rest = np.zeros_like(x)
+        self.frames.frame(Instant(state.time, x, at_rest, F, stress, known, contacts, field))
         self.steps.add(path_row(state.rows[-1]))
         for jump in jumps:
             self.jumps.add(path_row(jump))

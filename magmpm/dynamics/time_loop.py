@@ -21,7 +21,7 @@ from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
 from magmpm.results.file_names import forget_motion
 from magmpm.results.strain import Strain, strain_of
-from magmpm.results.trajectory import MotionWriter
+from magmpm.results.trajectory import Instant, MotionWriter
 from magmpm.scene import Scene, time_limit
 from magmpm.scene.memory import BYTES_PER_PARTICLE
 from magmpm.scene.options import Dynamic
@@ -346,5 +346,7 @@ def _write(state: SimulationState, writer: MotionWriter | None) -> None:
         return
     field = state.motion.model.field_at(state.x, state.time)
     writer.frame(
-        state.time, state.x, state.v, state.F, state.P, state.energies, state.contacts, field
+        Instant(
+            state.time, state.x, state.v, state.F, state.P, state.energies, state.contacts, field
+        )
     )

@@ -45,7 +45,9 @@ class FrameArrays:
         """Positions (m) as `Points`, and all quantities by name. x, v (n, 3): m, m/s; F, P (n, 3, 3): P Pa, first Piola-Kirchhoff."""
         points, *others = self.arrays.values()
         points[:] = x
-        _fill(*map(np.ascontiguousarray, (x, v, F, P)), self.reference, self.remanence, *others)
+        _fill(
+            *map(np.ascontiguousarray, (x, v, F, P)), self.reference, self.remanence, tuple(others)
+        )
         if self.rotating is not None and self.rotating.any():
             self.arrays["magnetisation"][:] = materials.magnetization(
                 self.rotating, self.remanence, F
@@ -54,9 +56,9 @@ class FrameArrays:
 
 
 @compiled
-def _fill(  # type: ignore[no-untyped-def]
-    x, v, F, P, reference, remanence, displacement, velocity, stress, mises, magnetisation, det
-):
+def _fill(x, v, F, P, reference, remanence, quantities):  # type: ignore[no-untyped-def]
+    """Write the quantities (a tuple of their arrays, as in QUANTITIES) of particles."""
+    displacement, velocity, stress, mises, magnetisation, det = quantities
     cauchy = np.empty((3, 3))
     for p in range(len(x)):
         J = materials.determinant(F[p])

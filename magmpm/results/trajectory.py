@@ -55,6 +55,40 @@ def frame_files() -> ModuleType:
     return vtkhdf
 
 
+@dataclass(frozen=True)
+class Instant:
+    """A motion at one time, as a solver passes it to its writer; n particles.
+
+    Attributes
+    ----------
+    time : float, s
+        When it is.
+    x : array (n, 3), m
+        Positions of the particles.
+    v : array (n, 3), m/s
+        Their velocities.
+    F : array (n, 3, 3), no unit
+        Their deformation gradients.
+    P : array (n, 3, 3), Pa
+        Their first Piola-Kirchhoff stress, with the effects' part.
+    energies : Mapping[str, float], J
+        Kinetic, elastic and each effect's potential.
+    contacts : Mapping[str, Any]
+        The contact of each effect (effects.base.Contact).
+    field : array (3,), T, or None
+        The external field at the body, for pictures.
+    """
+
+    time: float
+    x: Array
+    v: Array
+    F: Array
+    P: Array
+    energies: Mapping[str, float]
+    contacts: Mapping[str, Any]
+    field: Array | None
+
+
 class MotionWriter:
     """Writer of a motion into a folder, frame by frame.
 
@@ -150,55 +184,30 @@ class MotionWriter:
         """Bytes a frame adds, at most."""
         return 4 * len(self._arrays.reference) * (3 + sum(QUANTITIES.values())) + _OVERHEAD
 
-    def frame(
-        self,
-        time: float,
-        x: Array,
-        v: Array,
-        F: Array,
-        stress: Array,
-        energies: Mapping[str, float],
-        contacts: Mapping[str, Any] | None = None,
-        field: Array | None = None,
-    ) -> None:
+    def frame(self, now: Instant) -> None:
         """Add a frame.
 
         Parameters
         ----------
-        time : float, s
-            Later than the last frame's.
-        x : array (n, 3), m
-            Positions of the particles.
-        v : array (n, 3), m/s
-            Their velocities.
-        F : array (n, 3, 3), no unit
-            Their deformation gradients.
-        stress : array (n, 3, 3), Pa
-            Their first Piola-Kirchhoff stress, with the effects' part.
-        energies : Mapping[str, float], J
-            Kinetic, elastic and each effect's potential.
-        contacts : Mapping[str, Any], optional
-            The contact of each effect (effects.base.Contact).
-        field : array (3,), T, optional
-            The external field at the body, for pictures.
+        now : Instant
+            What is to be written, later than the last frame.
 
         Raises
         ------
         BudgetError
             Before anything is written, if the frame would not fit into max_disk or on the disk.
         """
-        self._afford(time)
-        arrays = self._arrays.of(x, v, F, stress)
+        self._afford(now.time)
+        arrays = self._arrays.of(now.x, now.v, now.F, now.P)
         self._reserve()
-        self._file.append(
-            time, arrays, np.full(3, np.nan) if field is None else np.asarray(field, dtype=float)
-        )
-        self._energies.add(energy_row(time, energies))
-        for effect, contact in (contacts or {}).items():
-            self._contacts.add(contact_row(time, effect, contact))
-        for row in position_rows(
-            time, {name: share @ x[of] for name, (of, share) in self._parts.items()}
-        ):
+        unknown = np.full(3, np.nan)
+        external = unknown if now.field is None else np.asarray(now.field, dtype=float)
+        self._file.append(now.time, arrays, external)
+        self._energies.add(energy_row(now.time, now.energies))
+        for effect, contact in now.contacts.items():
+            self._contacts.add(contact_row(now.time, effect, contact))
+        places = {name: share @ now.x[of] for name, (of, share) in self._parts.items()}
+        for row in position_rows(now.time, places):
             self._positions.add(row)
 
     def _afford(self, time: float) -> None:

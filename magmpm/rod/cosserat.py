@@ -30,7 +30,7 @@ from magmpm.errors import SolveError
 from magmpm.fields import schedule as fields
 from magmpm.fields.dipole import MU0
 from magmpm.materials import poisson_ratio, young_modulus
-from magmpm.rod.kernels import frames_of, relax
+from magmpm.rod.kernels import LoadedRod, frames_of, relax
 from magmpm.scene import Scene
 
 # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
@@ -140,6 +140,22 @@ class RodModel:
         """
         return np.tile([1.0, 0.0, 0.0, 0.0], (len(self.length) + 1, 1))
 
+    def loaded(self, **loads: Array) -> LoadedRod:
+        """Make what the compiled functions take.
+
+        Parameters
+        ----------
+        **loads : array
+            moment, field or weight in place of its own; of many rods, with a first axis.
+
+        Returns
+        -------
+        LoadedRod
+            The rod with its loads.
+        """
+        own = {"moment": self.moment, "field": self.field, "weight": self.weight}
+        return LoadedRod(self.length, self.twist_bend, self.compliance, **{**own, **loads})
+
     def relax(self, quaternions: Array) -> tuple[int, int, float, bool]:
         """Find the equilibrium near given frames (rod.kernels.relax).
 
@@ -159,10 +175,7 @@ class RodModel:
         stable : bool
             Whether it is a minimum.
         """
-        loads = self.moment, self.field, self.weight
-        status, steps, energy, stable = relax(
-            quaternions, self.length, self.twist_bend, self.compliance, *loads
-        )
+        status, steps, energy, stable = relax(quaternions, self.loaded())
         return status, steps, energy, bool(stable)
 
     def shape(self, quaternions: Array, iterations: int, energy: float, stable: bool) -> RodShape:
@@ -184,9 +197,7 @@ class RodModel:
         RodShape
             The shape.
         """
-        position, frames, curvature, strain = frames_of(
-            quaternions, self.length, self.compliance, self.moment, self.field, self.weight
-        )
+        position, frames, curvature, strain = frames_of(quaternions, self.loaded())
         return RodShape(
             self.places,
             position,

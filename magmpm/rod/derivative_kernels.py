@@ -5,7 +5,8 @@ by d' = -H^-1 dg/dp, with the block-tridiagonal Hessian H that Newton's method f
 b x m + w x e_1 + f x C f (f = w + m_1 b), and its derivative follows by the product rule.
 
 Columns come in threes, one for each component: first the moments, dm_e = sizes[i, e] e_j, then the loads, dB_k = shares[g, 0, k] e_j with
-dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 and the mass beyond each frame).
+dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 and the mass beyond each frame). `parameters` are sizes
+(groups, n) and shares (groups, 2, n + 1).
 """
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.rod.kernels import (
+    LoadedRod,
     _dot,
     _scaled,
     _to_frame,
@@ -97,11 +99,13 @@ def _between(p, q, a, b, mid):
 
 
 @compiled
-def _element(q, e, length, c, m0, field, weight, A, P, Q):
+def _element(e, q, rod, A, P, Q):
     """Derivatives of an element's span: A (2, 3, 3) by the rotations of its frames, P (2, 3, 3) by the fields there, Q (3) by the axial m0.
 
     P without its factor m0 answers to the weights. The span is Simpson's rule over the frames and the one half-way of R (e_1 + C f).
     """
+    c = rod.compliance[e]
+    m0 = rod.moment[e, 0]
     R = np.empty((3, 3))
     mid = np.empty(4)
     ra = np.empty(4)
@@ -128,12 +132,12 @@ def _element(q, e, length, c, m0, field, weight, A, P, Q):
         for i in range(3):
             b[i] = w[i] = 0.0
             for j in range(3):
-                b[i] += R[j, i] * (first * field[e, j] + (1.0 - first) * field[e + 1, j])
-                w[i] += R[j, i] * (first * weight[e, j] + (1.0 - first) * weight[e + 1, j])
+                b[i] += R[j, i] * (first * rod.field[e, j] + (1.0 - first) * rod.field[e + 1, j])
+                w[i] += R[j, i] * (first * rod.weight[e, j] + (1.0 - first) * rod.weight[e + 1, j])
         for i in range(3):
             v[i] = (1.0 if i == 0 else 0.0) + c[i] * (w[i] + m0 * b[i])
             Cb[i] = c[i] * b[i]
-        share = length * (4.0 if part == 1 else 1.0) / 6.0
+        share = rod.length[e] * (4.0 if part == 1 else 1.0) / 6.0
         for i in range(3):
             for j in range(3):
                 Q[i] += share * R[i, j] * Cb[j]
@@ -163,8 +167,9 @@ def _element(q, e, length, c, m0, field, weight, A, P, Q):
 
 
 @compiled
-def _right_side(frames, length, C, moment, field, weight, sizes, shares, column, x):
+def _right_side(frames, rod, parameters, column, x):
     """x (n + 1, 3): minus the change of the gradient for a column."""
+    sizes, shares = parameters
     fields = np.empty((2, 3))
     changes = np.empty((3, 3))
     work = np.empty((5, 3))
@@ -172,14 +177,14 @@ def _right_side(frames, length, C, moment, field, weight, sizes, shares, column,
     j = column % 3
     moments = len(sizes)
     _clear(x)
-    for e in range(len(length)):
+    for e in range(len(rod.length)):
         if group < moments and sizes[group, e] == 0.0:
             continue
         for side in range(2):
             k = e + side
             R = frames[k]
-            _to_frame(R, field[k], fields[0])
-            _to_frame(R, weight[k], fields[1])
+            _to_frame(R, rod.field[k], fields[0])
+            _to_frame(R, rod.weight[k], fields[1])
             _clear(changes)
             if group < moments:
                 changes[0, j] = sizes[group, e]
@@ -187,13 +192,16 @@ def _right_side(frames, length, C, moment, field, weight, sizes, shares, column,
                 for i in range(3):
                     changes[1, i] = shares[group - moments, 0, k] * R[j, i]
                     changes[2, i] = shares[group - moments, 1, k] * R[j, i]
-            _add_change(0.5 * length[e], fields, moment[e], C[e], changes, work, x[k])
+            _add_change(
+                0.5 * rod.length[e], fields, rod.moment[e], rod.compliance[e], changes, work, x[k]
+            )
 
 
 @compiled
-def _add_column(spans, moment, sizes, shares, column, slopes):
+def _add_column(spans, moment, parameters, column, slopes):
     """Positions' slopes, slopes[1] (n + 1, 3), of a column from the rotations slopes[0] and the elements' answers `spans`."""
     A, P, Q = spans
+    sizes, shares = parameters
     turn = slopes[0]
     place = slopes[1]
     group = column // 3
@@ -220,28 +228,26 @@ def _add_column(spans, moment, sizes, shares, column, slopes):
 
 
 @compiled
-def _slopes(q, length, D, C, moment, field, weight, sizes, shares, frames, slopes):
+def _slopes(q, rod, parameters, frames, slopes):
     """All columns: slopes (columns, 2, n + 1, 3), of the rotations (rad, own axes) and of the positions. False: no minimum."""
-    n = len(length)
+    n = len(rod.length)
     g = np.empty((n + 1, 3))
     Hd = np.empty((n + 1, 3, 3))
     Ho = np.empty((n, 3, 3))
     Ld = np.empty((n + 1, 3, 3))
     Lo = np.empty((n, 3, 3))
-    derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+    derivatives(q, rod, g, Hd, Ho)
     if not factor(Hd, Ho, 0.0, Ld, Lo):
         return False
     A = np.empty((n, 2, 3, 3))
     P = np.empty((n, 2, 3, 3))
     Q = np.empty((n, 3))
     for e in range(n):
-        _element(q, e, length[e], C[e], moment[e, 0], field, weight, A[e], P[e], Q[e])
+        _element(e, q, rod, A[e], P[e], Q[e])
     for column in range(len(slopes)):
-        _right_side(
-            frames, length, C, moment, field, weight, sizes, shares, column, slopes[column, 0]
-        )
+        _right_side(frames, rod, parameters, column, slopes[column, 0])
         solve(Ld, Lo, slopes[column, 0])
-        _add_column((A, P, Q), moment, sizes, shares, column, slopes[column])
+        _add_column((A, P, Q), rod.moment, parameters, column, slopes[column])
     return True
 
 
@@ -276,12 +282,12 @@ def _inertia(frames, length, x, moved, out):
 
 
 @compiled
-def softest(q, length, D, C, moment, field, weight):
+def softest(q, rod):
     """Smallest eigenvalue, N/m^2 per kg/m, of a rod's Hessian H with the mass M of its displacements, 1 kg per m; 0: no minimum.
 
     By iterating x = H^-1 M x: turning about its own tangent has no mass, so H x = (eigenvalue) M x is taken the other way around.
     """
-    n = len(length)
+    n = len(rod.length)
     g = np.empty((n + 1, 3))
     Hd = np.empty((n + 1, 3, 3))
     Ho = np.empty((n, 3, 3))
@@ -294,12 +300,12 @@ def softest(q, length, D, C, moment, field, weight):
     for k in range(n + 1):
         matrix(q[k], frames[k])
         x[k, 0], x[k, 1], x[k, 2] = 0.1, 1.0, 0.6
-    derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+    derivatives(q, rod, g, Hd, Ho)
     if not factor(Hd, Ho, 0.0, Ld, Lo):
         return 0.0
     value = 0.0
     for _ in range(60):
-        _inertia(frames, length, x, moved, Mx)
+        _inertia(frames, rod.length, x, moved, Mx)
         mass = _dot(x, Mx)
         _scaled(Mx, 1.0, x)
         solve(Ld, Lo, x)
@@ -315,30 +321,30 @@ def softest(q, length, D, C, moment, field, weight):
 @inner
 def _relax_one(r, given):
     """`relax_all` of one rod."""
-    q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found = given
-    status, _, _, stable = relax(q[r], length, D, C, moment[r], field[r], weight[r])
-    place, frames, _, _ = frames_of(q[r], length, C, moment[r], field[r], weight[r])
+    q, rods, parameters, position, slopes, found = given
+    rod = LoadedRod(
+        rods.length,
+        rods.twist_bend,
+        rods.compliance,
+        rods.moment[r],
+        rods.field[r],
+        rods.weight[r],
+    )
+    status, _, _, stable = relax(q[r], rod)
+    place, frames, _, _ = frames_of(q[r], rod)
     for k in range(len(place)):
         for i in range(3):
             position[r, k, i] = place[k, i]
     found[r] = status == 0 and stable
     if found[r]:
-        found[r] = _slopes(
-            q[r], length, D, C, moment[r], field[r], weight[r], sizes, shares, frames, slopes[r]
-        )
+        found[r] = _slopes(q[r], rod, parameters, frames, slopes[r])
 
 
 @compiled
-def relax_all(q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found):
+def relax_all(q, rods, parameters, position, slopes, found):
     """Equilibria of many rods with their slopes, each from its q (rods, n + 1, 4), changed in place.
 
-    Per rod: moment (rods, n, 3), field and weight (rods, n + 1, 3), position (rods, n + 1, 3), slopes (rods, columns, 2, n + 1, 3),
-    found (rods,): whether it is a stable equilibrium.
+    rods: moment (rods, n, 3), field and weight (rods, n + 1, 3); parameters: `sizes` and `shares`. Written: position (rods, n + 1, 3),
+    slopes (rods, columns, 2, n + 1, 3), found (rods,): whether it is a stable equilibrium.
     """
-    over_parts(
-        len(q),
-        task(
-            _relax_one,
-            (q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found),
-        ),
-    )
+    over_parts(len(q), task(_relax_one, (q, rods, parameters, position, slopes, found)))

@@ -108,23 +108,10 @@ class RodFamily:
             1 at rest, 0 at a critical load.
         """
         rod = self.rod
-        none = np.zeros_like(self.rod.field)
-        at_rest = softest(
-            rod.straight(), rod.length, rod.twist_bend, rod.compliance, 0.0 * rod.moment, none, none
-        )
-        moment = self.moments(directions[None])[0]
-        return float(
-            softest(
-                quaternions,
-                rod.length,
-                rod.twist_bend,
-                rod.compliance,
-                moment,
-                rod.field + field,
-                rod.weight,
-            )
-            / at_rest
-        )
+        none = np.zeros_like(rod.field)
+        unloaded = rod.loaded(moment=np.zeros_like(rod.moment), field=none, weight=none)
+        loaded = rod.loaded(moment=self.moments(directions[None])[0], field=rod.field + field)
+        return float(softest(quaternions, loaded) / softest(rod.straight(), unloaded))
 
     def shape(self, quaternions: Array, directions: Array, field: Array) -> RodShape:
         """Make the shape of one rod in equilibrium, from which the body's solve begins.
@@ -223,21 +210,12 @@ class RodFamily:
             share
             * np.cumsum(np.broadcast_to(pull, (rods, frames - 1, 3))[:, ::-1], axis=1)[:, ::-1]
         )
-        rod = self.rod
-        relax_all(
-            quaternions,
-            rod.length,
-            rod.twist_bend,
-            rod.compliance,
-            np.ascontiguousarray(self.moments(directions)),
-            np.ascontiguousarray(share * (rod.field + added)),
-            weight,
-            self.sizes,
-            shares,
-            position,
-            slopes,
-            found,
+        loaded = self.rod.loaded(
+            moment=np.ascontiguousarray(self.moments(directions)),
+            field=np.ascontiguousarray(share * (self.rod.field + added)),
+            weight=weight,
         )
+        relax_all(quaternions, loaded, (self.sizes, shares), position, slopes, found)
         return position, slopes[:, :, 1].transpose(0, 2, 3, 1), found
 
 

@@ -1,15 +1,45 @@
 """Compiled functions of the rod: energy, derivatives, block-tridiagonal Newton. The formulas are in magmpm.rod.cosserat.
 
 Unknowns are rotations d_k (3) of frames 1 .. n about their own axes, q_k -> q_k exp(d_k / 2). Shapes: q (n + 1, 4) unit quaternions, scalar
-first; length (n,); D, C, moment (n, 3); field, weight (n + 1, 3), at the frames.
+first; g (n + 1, 3); Hd (n + 1, 3, 3) and Ho (n, 3, 3): the Hessian's blocks of frame e, and of frames e (row) and e + 1 (column).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere
 
 MAX_STEPS = 200
 LARGEST_TURN = 0.6  # rad: largest turn of a frame in one Newton step
+
+
+class LoadedRod(NamedTuple):
+    """A rod of n elements with its loads; of many alike, with a first axis before those of the loads.
+
+    Attributes
+    ----------
+    length : array (n,), m
+        Of the elements.
+    twist_bend : array (n, 3), N m^2
+        Stiffness against twist and the two bendings.
+    compliance : array (n, 3), 1/N
+        Against stretch and the two shears.
+    moment : array (n, 3), A m
+        Magnetic moment per length, in the frame.
+    field : array (n + 1, 3), T
+        At each frame.
+    weight : array (n + 1, 3), N
+        Beyond each frame.
+    """
+
+    length: Array
+    twist_bend: Array
+    compliance: Array
+    moment: Array
+    field: Array
+    weight: Array
 
 
 @compiled
@@ -64,25 +94,27 @@ def _to_frame(R, v, out):
 
 
 @compiled
-def _energy(q, length, D, C, moment, field, weight):
+def _energy(q, rod):
     """Energy of the rod, J."""
     R = np.empty((3, 3))
     z = np.empty(4)
     b = np.empty(3)
     w = np.empty(3)
     total = 0.0
-    for e in range(len(length)):
+    for e in range(len(rod.length)):
         _relative(q[e], q[e + 1], z)
         for i in range(3):
-            total += 2.0 / length[e] * D[e, i] * z[i + 1] ** 2
+            total += 2.0 / rod.length[e] * rod.twist_bend[e, i] * z[i + 1] ** 2
         for side in range(2):
             matrix(q[e + side], R)
-            _to_frame(R, field[e + side], b)
-            _to_frame(R, weight[e + side], w)
-            density = b[0] * moment[e, 0] + b[1] * moment[e, 1] + b[2] * moment[e, 2] + w[0]
+            _to_frame(R, rod.field[e + side], b)
+            _to_frame(R, rod.weight[e + side], w)
+            density = (
+                b[0] * rod.moment[e, 0] + b[1] * rod.moment[e, 1] + b[2] * rod.moment[e, 2] + w[0]
+            )
             for i in range(3):
-                density += 0.5 * C[e, i] * (w[i] + moment[e, 0] * b[i]) ** 2
-            total -= 0.5 * length[e] * density
+                density += 0.5 * rod.compliance[e, i] * (w[i] + rod.moment[e, 0] * b[i]) ** 2
+            total -= 0.5 * rod.length[e] * density
     return total
 
 
@@ -124,9 +156,16 @@ def _add_potential(h, b, w, m, c, g, H):
 
 
 @compiled
-def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
+def _add_bending(e, q, rod, z, work, g, Hd, Ho):
     """Add gradient and Hessian of an element's bending and twist energy with respect to the rotations of its two frames."""
-    _relative(a, b, z)
+    _relative(q[e], q[e + 1], z)
+    length = rod.length[e]
+    D = rod.twist_bend[e]
+    ga = g[e]
+    gb = g[e + 1]
+    Haa = Hd[e]
+    Hbb = Hd[e + 1]
+    Hab = Ho[e]
     w = z[0]
     Ba = work[0]
     Bb = work[1]
@@ -164,23 +203,23 @@ def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
 
 
 @compiled
-def derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho):
-    """Gradient g (n + 1, 3), Hessian blocks Hd (n + 1, 3, 3) and Ho (n, 3, 3): row frame e, column frame e + 1."""
+def derivatives(q, rod, g, Hd, Ho):
+    """Write the gradient and the Hessian of the energy to g, Hd and Ho."""
     R = np.empty((3, 3))
     z = np.empty(4)
     b = np.empty(3)
     w = np.empty(3)
     work = np.empty((3, 3, 3))
     g[:], Hd[:], Ho[:] = 0.0, 0.0, 0.0
-    for e in range(len(length)):
-        _add_bending(
-            q[e], q[e + 1], length[e], D[e], z, g[e], g[e + 1], Hd[e], Hd[e + 1], Ho[e], work
-        )
+    for e in range(len(rod.length)):
+        _add_bending(e, q, rod, z, work, g, Hd, Ho)
+        half = 0.5 * rod.length[e]
         for side in range(2):
-            matrix(q[e + side], R)
-            _to_frame(R, field[e + side], b)
-            _to_frame(R, weight[e + side], w)
-            _add_potential(0.5 * length[e], b, w, moment[e], C[e], g[e + side], Hd[e + side])
+            k = e + side
+            matrix(q[k], R)
+            _to_frame(R, rod.field[k], b)
+            _to_frame(R, rod.weight[k], w)
+            _add_potential(half, b, w, rod.moment[e], rod.compliance[e], g[k], Hd[k])
 
 
 @compiled
@@ -291,12 +330,12 @@ def _softest(Ld, Lo, d):
 
 
 @compiled_elsewhere
-def relax(q, length, D, C, moment, field, weight):
+def relax(q, rod):
     """Newton's method for a minimum of the energy, from q (changed in place).
 
     Returns status (0 found, 1 not within MAX_STEPS), steps, energy, stable (the Hessian is positive definite there).
     """
-    n = len(length)
+    n = len(rod.length)
     g = np.empty((n + 1, 3))
     Hd = np.empty((n + 1, 3, 3))
     Ho = np.empty((n, 3, 3))
@@ -306,18 +345,18 @@ def relax(q, length, D, C, moment, field, weight):
     turn = np.empty((n + 1, 3))
     trial = np.empty((n + 1, 4))
     _copy(q, trial)
-    energy = _energy(q, length, D, C, moment, field, weight)
+    energy = _energy(q, rod)
     scale = 0.0
     total = 0.0
     for e in range(n):
-        scale += 0.5 * length[e] * D[e, 1]
-        total += length[e]
+        scale += 0.5 * rod.length[e] * rod.twist_bend[e, 1]
+        total += rod.length[e]
     scale /= total**2  # energy of bending by one radian
     noise = 1e-14 * (
         abs(energy) + scale
     )  # rounding error of the sum: smaller differences of energies mean nothing
     for step in range(MAX_STEPS):
-        derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+        derivatives(q, rod, g, Hd, Ho)
         shift = 0.0
         least = 1e-4 * scale / n
         while not factor(Hd, Ho, shift, Ld, Lo):
@@ -330,7 +369,7 @@ def relax(q, length, D, C, moment, field, weight):
                 for k in range(1, n + 1):
                     _turn(q[k], d[k], trial[k])
                 _copy(trial, q)
-                return 0, step + 1, _energy(q, length, D, C, moment, field, weight), True
+                return 0, step + 1, _energy(q, rod), True
             _softest(Ld, Lo, d)  # leave an unstable equilibrium
             if _dot(g, d) > 0.0:
                 _scaled(d, -1.0, d)
@@ -343,7 +382,7 @@ def relax(q, length, D, C, moment, field, weight):
             _scaled(d, a, turn)
             for k in range(1, n + 1):
                 _turn(q[k], turn[k], trial[k])
-            reached = _energy(trial, length, D, C, moment, field, weight)
+            reached = _energy(trial, rod)
             if reached <= energy - 1e-4 * a * decrement + noise:
                 break
             a *= 0.5
@@ -355,9 +394,9 @@ def relax(q, length, D, C, moment, field, weight):
 
 
 @compiled_elsewhere
-def frames_of(q, length, C, moment, field, weight):
+def frames_of(q, rod):
     """Positions (n + 1, 3) m, frames (n + 1, 3, 3), curvature (n + 1, 3) 1/m and strain (n + 1, 3) of a rod's quaternions."""
-    n = len(length)
+    n = len(rod.length)
     position = np.zeros((n + 1, 3))
     frames = np.empty((n + 1, 3, 3))
     curvature = np.zeros((n + 1, 3))
@@ -397,13 +436,15 @@ def frames_of(q, length, C, moment, field, weight):
                     for j in range(3):
                         R[i, j] = frames[side, i, j]
             for i in range(3):
-                pull[i] = 0.5 * (weight[side, i] + weight[other, i])
-                around[i] = 0.5 * (field[side, i] + field[other, i])
+                pull[i] = 0.5 * (rod.weight[side, i] + rod.weight[other, i])
+                around[i] = 0.5 * (rod.field[side, i] + rod.field[other, i])
             _to_frame(R, around, b)
             _to_frame(R, pull, w)
             for i in range(3):
-                v[i] = (1.0 if i == 0 else 0.0) + C[e, i] * (w[i] + moment[e, 0] * b[i])
-            share = length[e] * (4.0 if part == 1 else 1.0) / 6.0
+                v[i] = (1.0 if i == 0 else 0.0) + rod.compliance[e, i] * (
+                    w[i] + rod.moment[e, 0] * b[i]
+                )
+            share = rod.length[e] * (4.0 if part == 1 else 1.0) / 6.0
             for i in range(3):
                 position[e + 1, i] += share * (R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2])
             if part != 1:
@@ -411,7 +452,7 @@ def frames_of(q, length, C, moment, field, weight):
                 count[k] += 1.0
                 for i in range(3):
                     strain[k, i] += v[i]
-                    curvature[k, i] += 2.0 / length[e] * z[i + 1]
+                    curvature[k, i] += 2.0 / rod.length[e] * z[i + 1]
         for i in range(3):
             position[e + 1, i] += position[e, i]
     for k in range(n + 1):

@@ -261,20 +261,11 @@ def _relaxed(rod: RodModel, q: Array, fields: Array) -> tuple[Array, NDArray[np.
     position = np.empty((m, frames, 3))
     found = np.empty(m, dtype=bool)
     around = np.ascontiguousarray(np.broadcast_to(fields[:, None, :], (m, frames, 3)))
-    relax_all(
-        q,
-        rod.length,
-        rod.twist_bend,
-        rod.compliance,
-        np.tile(rod.moment, (m, 1, 1)),
-        around,
-        np.tile(rod.weight, (m, 1, 1)),
-        np.zeros((0, frames - 1)),
-        np.zeros((0, 2, frames)),
-        position,
-        np.zeros((m, 0, 2, frames, 3)),
-        found,
+    rods = rod.loaded(
+        moment=np.tile(rod.moment, (m, 1, 1)), field=around, weight=np.tile(rod.weight, (m, 1, 1))
     )
+    parameters = np.zeros((0, frames - 1)), np.zeros((0, 2, frames))
+    relax_all(q, rods, parameters, position, np.zeros((m, 0, 2, frames, 3)), found)
     return position[:, -1].copy(), found & np.isfinite(position).all(axis=(1, 2))
 
 

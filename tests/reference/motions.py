@@ -1,35 +1,19 @@
 """Motions in closed form, written like those of a run, for tests of the files and pictures of a motion."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.results import hdf5_mark
-from magmpm.results.trajectory import MotionWriter
+from magmpm.results.trajectory import Instant, MotionWriter
 
 LENGTH = 0.04
 DIAMETER = 0.004
 SHEAR = 120e3
 DENSITY = 1882.0
-
-
-@dataclass(frozen=True)
-class Moment:
-    """The data that a solver passes to MotionWriter.frame. SI units."""
-
-    time: float
-    x: Array
-    v: Array
-    F: Array
-    P: Array
-    energies: dict[str, float]
-    contacts: dict[str, Any]
-    field: Array
 
 
 def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
@@ -49,7 +33,7 @@ def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
 
 def bending(
     model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4
-) -> Iterator[Moment]:
+) -> Iterator[Instant]:
     """Circular bending in the x-z plane with the curvature most sin(2 pi t / period) (1/m): sections stay plane and undistorted."""
     X = model.particles.position
     V = model.particles.volume
@@ -82,7 +66,7 @@ def bending(
                 "depth": down,
             }
         }
-        yield Moment(float(time), x, v, F, P, energies, contacts, field)
+        yield Instant(float(time), x, v, F, P, energies, contacts, field)
 
 
 def bent(X: Array, curvature: float) -> tuple[Array, Array]:
@@ -100,10 +84,10 @@ def bent(X: Array, curvature: float) -> tuple[Array, Array]:
     return x, F
 
 
-def write(writer: MotionWriter, moments: Iterator[Moment]) -> None:
+def write(writer: MotionWriter, moments: Iterator[Instant]) -> None:
     """Pass moments to a writer."""
     for m in moments:
-        writer.frame(m.time, m.x, m.v, m.F, m.P, m.energies, m.contacts, m.field)
+        writer.frame(m)
 
 
 def written(folder: Path, frames: int = 9, spacing: float = 1e-3) -> Path:

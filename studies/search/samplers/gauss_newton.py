@@ -158,14 +158,13 @@ class GaussNewtonSampler(PlanningSampler):
         trials = [*trials, *running]
         if found is not None:
             base, radius = found
-            x, residuals, jacobian = self._space.read(base.params), *model_of(base)
-            step = self._space.step(
-                x, residuals, jacobian, radius, self._curvature(free[-1], known, x, jacobian)
-            )
+            x = self._space.read(base.params)
+            residuals, jacobian = model_of(base)
+            curvature = self._curvature(free[-1], known, x, jacobian)
+            step = self._space.step(x, residuals, jacobian, radius, curvature)
             there = self._space.write(self._space.moved(x, step.p))
-            if not self._stuck(
-                base, step, radius, known, x, residuals, jacobian, free[-1]
-            ) and not self._seen(there, trials):
+            stuck = self._stuck(base, step, radius, free[-1], known)
+            if not stuck and not self._seen(there, trials):
                 kept = {
                     "start": start_of(base),
                     "from": base.number,
@@ -265,13 +264,11 @@ class GaussNewtonSampler(PlanningSampler):
         base: FrozenTrial,
         step: Step,
         radius: float,
-        known: Mapping[int, FrozenTrial],
-        x: Array,
-        residuals: Array,
-        jacobian: Array,
         last: FrozenTrial,
+        known: Mapping[int, FrozenTrial],
     ) -> bool:
         """True if this descent, of which `last` is the last trial, should be left."""
+        residuals, jacobian = model_of(base)
         cost = float(residuals @ residuals)
         if radius < LEAST_RADIUS or step.promised <= 0.0:
             return True
@@ -281,6 +278,7 @@ class GaussNewtonSampler(PlanningSampler):
             plan = last.system_attrs.get(PLAN) or {}
             if plan.get("promised", math.inf) < LEAST_GAIN * cost:
                 return True
+            x = self._space.read(base.params)
             step = self._space.step(x, residuals, jacobian, RADIUS / 4)
         if step.promised < LEAST_GAIN * cost:
             return True

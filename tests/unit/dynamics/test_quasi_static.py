@@ -184,13 +184,8 @@ def _rod_snaps(path: Scene) -> float:
     shape[:, 0] = 1.0
     for field in np.linspace(BZ, -BZ, 401):
         now = replace(rod, field=np.tile([-BX, 0.0, field], (len(rod.length) + 1, 1)))
-        relax(shape, now.length, now.twist_bend, now.compliance, now.moment, now.field, now.weight)
-        if (
-            frames_of(shape, now.length, now.compliance, now.moment, now.field, now.weight)[0][
-                -1, 2
-            ]
-            < 0
-        ):
+        relax(shape, now.loaded())
+        if frames_of(shape, now.loaded())[0][-1, 2] < 0:
             return float(field)
     raise AssertionError("the rod did not snap")
 

@@ -76,6 +76,7 @@ def test_a_motion_marked_as_being_written_in_no_order_is_said_to_be(tmp_path: Pa
 
 WRITE_FOR_EVER = """
 import sys, numpy as np
+from dataclasses import replace
 sys.path[:0] = [{root!r}, {tests!r}]
 from reference import motions
 from magmpm.results.trajectory import MotionWriter
@@ -83,7 +84,7 @@ model = motions.body(0.5e-3)
 writer = MotionWriter({folder!r}, model)
 moment = next(motions.bending(model, [0.1]))
 for k in range(100000):
-    writer.frame(0.001 * k, moment.x, moment.v, moment.F, moment.P, moment.energies, moment.contacts)
+    writer.frame(replace(moment, time=0.001 * k))
 """
 
 

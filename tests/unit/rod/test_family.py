@@ -55,20 +55,8 @@ class Rod:
         W = (self.beyond[:, None] * acceleration)[None]
         rod = self.rod
         for load in (0.3, 0.6, 1.0):
-            relax_all(
-                q,
-                rod.length,
-                rod.twist_bend,
-                rod.compliance,
-                m,
-                load * B,
-                load * W,
-                self.family.sizes,
-                shares,
-                position,
-                slopes,
-                found,
-            )
+            rods = rod.loaded(moment=m, field=load * B, weight=load * W)
+            relax_all(q, rods, (self.family.sizes, shares), position, slopes, found)
         assert found.all()
         return position[0], slopes[0]
 
@@ -137,20 +125,10 @@ def test_a_rod_past_its_critical_load_is_not_found_stable(scene: Scene) -> None:
     position = np.empty((1, 41, 3))
     slopes = np.zeros((1, 3, 2, 41, 3))
     found = np.ones(1, dtype=bool)
-    relax_all(
-        q,
-        rod.length,
-        rod.twist_bend,
-        rod.compliance,
-        family.moments(directions(against)),
-        rod.field[None],
-        rod.weight[None],
-        family.sizes[:1],
-        np.zeros((0, 2, 41)),
-        position,
-        slopes,
-        found,
+    rods = rod.loaded(
+        moment=family.moments(directions(against)), field=rod.field[None], weight=rod.weight[None]
     )
+    relax_all(q, rods, (family.sizes[:1], np.zeros((0, 2, 41))), position, slopes, found)
     assert found[0], "it leaves the straight shape and finds the bent one"
     assert np.abs(position[0, :, 2]).max() > 0.1 * against.length
 
@@ -172,9 +150,7 @@ def test_stability_of_a_rod_is_that_of_its_small_vibrations(scene: Scene) -> Non
     assert family.stability(q, toward, np.zeros(3)) == pytest.approx(1, rel=1e-12)
     bending = rod.twist_bend[0, 1]
     length = rod.length.sum()
-    value = softest(
-        q, rod.length, rod.twist_bend, rod.compliance, rod.moment, rod.field, rod.weight
-    )
+    value = softest(q, rod.loaded())
     assert value == pytest.approx(
         bending * (1.87510407 / length) ** 4, rel=5e-4
     )  # of second order in 120 elements, and 1e-4 of iteration

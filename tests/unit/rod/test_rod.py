@@ -46,14 +46,7 @@ class Chain:
         for k in range(n):
             frames.append(frames[-1] * steps[k])
         self.q = np.array([np.roll(f.as_quat(), 1) for f in frames])  # scalar first
-        self.arguments = (
-            rod.length,
-            rod.twist_bend,
-            rod.compliance,
-            rod.moment,
-            rod.field,
-            rod.weight,
-        )
+        self.loaded = rod.loaded()
 
     def at(self, d: np.ndarray) -> np.ndarray:
         out = np.empty_like(self.q)
@@ -62,7 +55,7 @@ class Chain:
         return out
 
     def energy(self, d: np.ndarray) -> float:
-        return _energy(self.at(d), *self.arguments)
+        return _energy(self.at(d), self.loaded)
 
     def derivatives(self) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (n + 1, 3) and the dense Hessian."""
@@ -70,7 +63,7 @@ class Chain:
         g = np.empty((n + 1, 3))
         Hd = np.empty((n + 1, 3, 3))
         Ho = np.empty((n, 3, 3))
-        derivatives(self.q, *self.arguments, g, Hd, Ho)
+        derivatives(self.q, self.loaded, g, Hd, Ho)
         H = np.zeros((n + 1, 3, n + 1, 3))
         for k in range(n + 1):
             H[k, :, k, :] = Hd[k]

@@ -77,7 +77,7 @@ def test_moments_are_the_ends_and_what_is_most_unlike_both(
     model = motions.body()
     writer = MotionWriter(tmp_path, model)
     for k, frame in enumerate(motions.bending(model, times)):
-        writer.frame(0.01 * k, frame.x, frame.v, frame.F, frame.P, frame.energies)
+        writer.frame(replace(frame, time=0.01 * k, contacts={}, field=None))
     assert moments(MotionRenderer(Motion.load(tmp_path))) == [0, middle, 8]
 
 
