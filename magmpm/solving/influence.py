@@ -18,7 +18,7 @@ from magmpm.model import build
 from magmpm.results.measures import Frames
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.solving.several_grids import Runs, shortest_crossing
+from magmpm.solving.several_grids import Runs, expected_step
 
 NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 # of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
@@ -163,10 +163,8 @@ def motion_seconds(scene: Scene) -> float:
     particles = (
         float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
     )
-    # a step takes 0.72 of the time of a pressure wave through a cell; viscosity asks for shorter ones
-    steps = acting.stable_steps(build(scene)).values()
-    step = min([0.72 * shortest_crossing(scene)[1], *steps])
-    return particles * scene.duration / step / RATE
+    steps = acting.stable_steps(build(scene)).values()  # viscosity asks for shorter ones
+    return particles * scene.duration / min(expected_step(scene), *steps) / RATE
 
 
 def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:

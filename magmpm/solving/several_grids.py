@@ -400,9 +400,7 @@ def steps_in_words(scene: Scene) -> str:
     if options is None:
         return ""
     name, crossing = shortest_crossing(scene)
-    step = options.safety * BODY_STEP * crossing
-    if options.time_step is not None:
-        step = min(step, options.time_step)
+    step = expected_step(scene)
     modulus = quantity(scene.materials[name].shear_modulus, "Pa")
     return (
         f"time steps of about {quantity(step, 's', 2)}, some"
@@ -411,6 +409,14 @@ def steps_in_words(scene: Scene) -> str:
         f" {modulus}) in {quantity(crossing, 's')}; larger cells, or less stiff or heavier"
         " material, take longer steps"
     )
+
+
+def expected_step(scene: Scene) -> float:
+    """The time step (s) of a motion, as far as its stiffest material decides it."""
+    options = scene.solver.dynamic
+    assert options is not None
+    step = options.safety * BODY_STEP * shortest_crossing(scene)[1]
+    return step if options.time_step is None else min(step, options.time_step)
 
 
 def shortest_crossing(scene: Scene) -> tuple[str, float]:
