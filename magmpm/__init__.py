@@ -32,7 +32,6 @@ if TYPE_CHECKING:
         BudgetError,
         InputError,
         MagmpmError,
-        NotThereYet,
         SceneError,
         SolveError,
     )
@@ -79,7 +78,6 @@ __all__ = [
     "Material",
     "MeshPart",
     "Motion",
-    "NotThereYet",
     "Parts",
     "QuasiStatic",
     "Resolution",

@@ -36,7 +36,6 @@ class Problem:
     received: str
     rule: str
     remedy: str
-    later: bool = False
     meant: Key | None = None
 
     def line(self, lines: Mapping[Key, int]) -> int:
@@ -45,8 +44,8 @@ class Problem:
             (lines[self.at[:n]] for n in range(len(self.at), -1, -1) if self.at[:n] in lines), 1
         )
 
-    def text(self, path: Path | None, lines: Mapping[Key, int]) -> str:
-        place = f"{path}:{self.line(lines)}" if path is not None else "input"
+    def text(self, path: Path | None, lines: Mapping[Key, int], of: str) -> str:
+        place = f"{path}:{self.line(lines)}" if path is not None else of
         key = dotted(self.at) or "(whole file)"
         return report(f"{place}: {key}", received=self.received, rule=self.rule, remedy=self.remedy)
 
@@ -147,12 +146,6 @@ def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Prob
     parent = _model_at(model, at[:-1])
     key = str(at[-1])
     known = list(parent.model_fields) if parent is not None else []
-    later = getattr(parent, "not_there_yet", {}).get(key)
-    if later is not None:
-        rule = f"`{key}` ({later}) is not available in this version"
-        return Problem(
-            at, show(value), rule, f"remove it; available: {', '.join(known)}", later=True
-        )
     values = _locate(data, at[:-1], absent=False)[1]
     beside = values if isinstance(values, Mapping) else {}
     instead: Instead | None = getattr(parent, "by_other_keys", lambda key, values: None)(
@@ -172,7 +165,7 @@ def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Prob
     else:
         remedy = getattr(parent, "unknown_key", "remove it")
     meant = near if instead is None else instead.key
-    rule = f'unknown key "{key}"; known here: {", ".join(known)}'
+    rule = f'unknown key "{key}"; known here: {", ".join(known) or "none"}'
     return Problem(
         at, show(value), rule, remedy, meant=None if meant is None else (*at[:-1], meant)
     )
@@ -271,3 +264,11 @@ def _write_example(at: Key, field: FieldInfo | None) -> str:
         return "correct it"
     name = next((str(part) for part in reversed(at) if isinstance(part, str)), "")
     return f"write, say, `{name}: {flow(field.examples[0])}`"
+
+
+def python_example(model: type[BaseModel]) -> str:
+    """Text that makes an object in Python, with the settings that it needs, or with the first one if it needs none."""
+    fields = model.model_fields
+    needed = [name for name, field in fields.items() if field.is_required()] or list(fields)[:1]
+    settings = [f"{name}={fields[name].examples[0]!r}" for name in needed if fields[name].examples]
+    return f"{model.__name__}({', '.join(settings)})"

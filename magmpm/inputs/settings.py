@@ -22,13 +22,14 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from magmpm.errors import InputError, NotThereYet
+from magmpm.errors import InputError, show
 from magmpm.inputs.messages import (
     NOTHING,
     Instead,
     Problem,
     empty_values,
     overruled,
+    python_example,
     translate,
 )
 from magmpm.inputs.quantities import KINDS, BadQuantity, a, as_text, format_si, parse_quantity
@@ -45,11 +46,18 @@ class _Told(type(BaseModel)):  # type: ignore[misc]
     """Makes objects in Python. What pydantic refuses, its validators of the whole object among them, is told as of files."""
 
     def __call__(cls, *positional: Any, **given: Any) -> Any:
+        if positional:
+            raise InputError(
+                cls.__name__,
+                received=", ".join(show(value) for value in positional),
+                rule="settings are given by their names",
+                remedy=f"write, say, `{python_example(cls)}`",
+            )
         try:
-            return super().__call__(*positional, **given)
+            return super().__call__(**given)
         except ValidationError as error:
             problems, left = _problems(cls, given, error)
-            raise _told(problems, left, None, {}) from None
+            raise _told(problems, left, None, {}, cls.__name__) from None
 
 
 _MADE: Any = _Told  # mypy knows pydantic's metaclass by a private name alone
@@ -58,12 +66,10 @@ _MADE: Any = _Told  # mypy knows pydantic's metaclass by a private name alone
 class Settings(BaseModel, metaclass=_MADE):  # type: ignore[misc]
     """Base of every part of a scene or study: immutable, and unknown keys are errors.
 
-    `not_there_yet`: published keys that this version does not have yet, with what they are for; `unknown_key`: the remedy for a key of
-    which nothing is known.
+    `unknown_key`: the remedy for a key of which nothing is known.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    not_there_yet: ClassVar[Mapping[str, str]] = {}
     unknown_key: ClassVar[str] = "remove it"
 
     @staticmethod
@@ -176,7 +182,7 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
     """`data` as the model, or one InputError that lists everything wrong with it.
 
     data: what `read_yaml` returned (values have units, messages have line numbers), or any mapping, which is in SI where `path` is None.
-    Raises NotThereYet if all that is wrong is keys of a later version, else InputError.
+    Raises InputError.
     """
     if path is None and isinstance(data, Document):
         path = data.path
@@ -207,17 +213,21 @@ def _problems(
 
 
 def _told(
-    problems: list[Problem], left: int, file: Path | None, lines: Mapping[Key, int]
+    problems: list[Problem],
+    left: int,
+    file: Path | None,
+    lines: Mapping[Key, int],
+    of: str = "input",
 ) -> InputError:
-    """One error for all problems; left: how many more there are; lines: of keys in the file."""
+    """One error for all problems; left: how many more there are; lines: of keys in the file; of: what has the keys if no file does."""
     shown = sorted(problems, key=lambda p: p.line(lines))[:MOST_SHOWN]
-    text = "\n".join(problem.text(file, lines) for problem in shown)
+    text = "\n".join(problem.text(file, lines, of) for problem in shown)
     count = len(problems) + left
     if count > MOST_SHOWN:
         text += f"\n... and {count - MOST_SHOWN} more"
     if count > 1:
-        text = f"{count} problems in {file if file is not None else 'the input'}\n{text}"
-    return (NotThereYet if all(p.later for p in problems) and not left else InputError)(text)
+        text = f"{count} problems in {file if file is not None else of}\n{text}"
+    return InputError(text)
 
 
 class _InputSchema(GenerateJsonSchema):

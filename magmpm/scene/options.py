@@ -586,13 +586,14 @@ class Solver(Settings):
 
 def _read_error(value: Any, info: ValidationInfo) -> float | str:
     """An error as a share of the length (float, no unit), or a length as text in SI ("0.0001 m"): both are read back as they are."""
-    if isinstance(value, str):
-        try:
-            return Quantity("percentage").read(value, info)
-        except PydanticCustomError:
-            si = Quantity("length", above="0 mm", at_most="10 m").read(value, info)
-            return f"{si!r} m"
-    return Quantity("percentage").read(value, info)
+    try:
+        return Quantity("percentage").read(value, info)
+    except PydanticCustomError:
+        if not isinstance(value, str):
+            rule = "an error is a share of the length, or a length, and needs its unit"
+            raise fault(rule, 'write, say, "1 %", or "0.1 mm"') from None
+        si = Quantity("length", above="0 mm", at_most="10 m").read(value, info)
+        return f"{si!r} m"
 
 
 class Resolution(Settings):

@@ -81,8 +81,6 @@ def load_scene(path: Path | str | Mapping[str, Any]) -> Scene:
     ------
     InputError
         Lists everything wrong with the file, by line, key, value received, rule and remedy.
-    NotThereYet
-        If all that is wrong is keys of a later version.
 
     Examples
     --------

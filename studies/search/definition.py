@@ -59,8 +59,6 @@ def load_study(path: Path | str) -> Study:
     ------
     InputError
         With file, line, key, value, rule and remedy.
-    NotThereYet
-        For what a later version brings.
     """
     document = read_yaml(path)
     study_checks.check_file_name(document.path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, NotThereYet, dotted
+from magmpm.errors import InputError, dotted
 from magmpm.inputs.user_files import folder_fault
 from magmpm.inputs.yaml_document import Document
 from magmpm.scene import Scene
@@ -58,10 +58,9 @@ def named_in(error: InputError, where: str) -> InputError:
     Returns
     -------
     InputError
-        An error of the same kind.
+        The error with the place.
     """
-    kind = NotThereYet if isinstance(error, NotThereYet) else InputError
-    return kind(f"{error}\n  named in: {where}")
+    return InputError(f"{error}\n  named in: {where}")
 
 
 def place(document: Document, *key: str | int) -> str:

@@ -266,7 +266,7 @@ RESOLUTION = [
     edit("negative error", CELLS, "{error: -1 %}", "resolution.error", '"-1 %"', "greater than 0", "this reads as -1 %"),
     edit("negative length of error", CELLS, "{error: -0.1 mm}", "resolution.error", '"-0.1 mm"', "must be greater than 0 mm"),
     edit("error of 100 times the length", CELLS, "{error: 10000 %}", "resolution.error", '"10000 %"', "at most 50 %"),
-    edit("error without unit", CELLS, "{error: 0.01}", "resolution.error", "0.01", "needs a unit", '"5 %"'),
+    edit("error without unit", CELLS, "{error: 0.01}", "resolution.error", "0.01", "needs its unit", '"0.1 mm"'),
     edit("error in seconds", CELLS, "{error: 2 s}", "resolution.error", '"2 s"', "unit of length"),
     edit("error of nothing known", CELLS, "{error: 1 %, of: base}", "resolution.of", '"base"', "'centreline' or 'tip'"),
     edit("where, but no error", CELLS, "{of: tip}", "resolution.of", '"tip"', "no error is given", "error: 0.1 mm"),

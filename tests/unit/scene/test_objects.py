@@ -9,6 +9,7 @@ import magmpm
 from magmpm import (
     Catheter,
     Coil,
+    Damping,
     Dipole,
     Dynamic,
     Fluid,
@@ -121,6 +122,16 @@ def test_a_tube_is_a_catheter_with_a_bore(tmp_path: Path) -> None:
             lambda: Material(shear_modulus="120", bulk_to_shear=20),
             "shear_modulus: .*\n.*needs a unit",
         ),
+        (
+            lambda: Gravity(9.81),  # type: ignore[call-arg]
+            r"Gravity: received 9\.81\n.*by their names\n.*Gravity\(acceleration=\['0 m/s\^2', '0 m",
+        ),
+        (
+            lambda: Damping("60 1/s"),  # type: ignore[call-arg]
+            r'Damping: received "60 1/s"\n.*\n.*`Damping\(rate=\'60 1/s\'\)`',
+        ),
+        (lambda: MagneticTorque(5), r"write, say, `MagneticTorque\(\)`"),  # type: ignore[call-arg]
+        (lambda: MagneticTorque(by=5), "MagneticTorque: by: .*\n.*known here: none"),  # type: ignore[call-arg]
         (lambda: Strip(lenght="4 mm"), 'unknown key "lenght".*\n.*did you mean "length"'),
         (lambda: Tube(length="4 cm"), "inner_diameter: received nothing"),
         (

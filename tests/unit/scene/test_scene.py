@@ -251,16 +251,16 @@ def made_in_python(**changes: Any) -> Scene:
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"material": "silicon"}, 'input: body.material: received "silicon"'),
+        ({"material": "silicon"}, 'Scene: body.material: received "silicon"'),
         ({"material": "silicon"}, 'did you mean "silicone"?'),
         (
             {"segments": [Segment(magnetization=(1, 0, 0), material="steel")]},
-            'input: body.segments[0].material: received "steel"',
+            'Scene: body.segments[0].material: received "steel"',
         ),
-        ({"effects": [Gravity(), "damping"]}, 'input: effects[1]: received "damping"'),
+        ({"effects": [Gravity(), "damping"]}, 'Scene: effects[1]: received "damping"'),
         (
             {"materials": {"silicone": Material(shear_modulus=120e3, bulk_to_shear=20)}},
-            "input: materials.silicone.density: received nothing",
+            "Scene: materials.silicone.density: received nothing",
         ),
     ],
 )
