@@ -315,7 +315,7 @@ class DescendingRods:
         g = np.einsum("smi,sm->si", at.slopes, at.residuals)
         if self.field_max is not None:
             _hold_at_the_bound(A, g, at.field)
-        scale = np.maximum(np.einsum("sii->s", A) / A.shape[1], 1e-300)
+        scale = np.maximum(np.einsum("sii->s", A) / max(A.shape[1], 1), 1e-300)
         A += (at.damping * scale)[:, None, None] * np.eye(A.shape[1])
         p = -np.linalg.solve(A, g[:, :, None])[:, :, 0]
         turns = p[:, : 2 * self.count].reshape(len(p), self.count, 2)

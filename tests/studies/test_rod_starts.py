@@ -505,3 +505,13 @@ def test_an_insertion_that_nothing_moves_is_refused() -> None:
     )
     with pytest.raises(InputError, match="something must move the shape"):
         check_search(study, SearchSpace.of(study))
+
+
+def test_where_neither_directions_nor_field_vary_the_rod_divides_by_no_count(
+    tmp_path: Path,
+) -> None:
+    """A search of other numbers alone begins from the scene as it is."""
+    scene = scene_of(tmp_path)
+    with np.errstate(all="raise"):
+        (found,) = rod_designs(scene, shape_of(scene), [], None)
+    assert found.rms < 1e-9
