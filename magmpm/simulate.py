@@ -23,7 +23,7 @@ from magmpm.scene.variables import check_differentiable, variables
 from magmpm.solving.effects_choice import choose_effects
 from magmpm.solving.effects_choice import missed_effects as missed_effects
 from magmpm.solving.precompile import DERIVATIVES, SOLVE, prepare_kernels
-from magmpm.solving.several_grids import Runs, choose_grid, grids_of
+from magmpm.solving.several_grids import Runs, choose_grid, grids_of, overloaded
 from magmpm.solving.solve import (
     AS_IT_IS,
     Progress,
@@ -136,6 +136,7 @@ def run(
 
 def _told_run(scene: Scene, options: RunOptions, progress: bool | None) -> Result:
     """The result, with a bar for what runs along time, lines in the log, and its warnings."""
+    notices.warn(overloaded(scene), scene.hash())
     with notices.Watched(
         scene.name, scene.duration if scene.in_time else None, "s", progress
     ) as watched:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.constants import mu_0
 
 from magmpm.effects.acting import instant_modulus
 from magmpm.errors import (
@@ -21,6 +22,7 @@ from magmpm.errors import (
 from magmpm.materials import pressure_wave_speed
 from magmpm.results.measures import Frames, frames_of, near_jumps
 from magmpm.results.result import Result
+from magmpm.results.strain import LARGE_STRETCH, REMEDY
 from magmpm.rod.cantilever import kink_warning
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
@@ -329,7 +331,17 @@ def _compared_by(names: list[str] | None) -> str:
 
 
 def grids_of(scene: Scene) -> Grids:
-    """Grids on which a scene is solved: equilibria of straight bodies from each other, all else by whole runs."""
+    """Grids on which a scene is solved: equilibria of straight bodies from each other, all else by whole runs. Raises SceneError."""
+    parts = scene.body.parts
+    across = scene.resolution.cells_across
+    if parts is not None and not math.isclose(parts.cell_size(across), parts.thickness / across):
+        cells = max(2, round(parts.thickness / parts.cell_size(across)))
+        raise SceneError(
+            "body.parts.spacing",
+            received=length(parts.cell_size(across)),
+            rule="an error is that of a number of cells across, in whose place spacing stands",
+            remedy=f"leave it out, and write `resolution: {{cells_across: {cells}}}`, or an error",
+        )
     return Runs(scene) if scene.in_time or scene.body.shape.line is None else Equilibria(scene)
 
 
@@ -382,11 +394,38 @@ def needed_for(scene: Scene, cells: int) -> list[int]:
     return sorted({*INTERMEDIATE.get(cells, ()), proofs(scene)[cells]})
 
 
+def overloaded(scene: Scene) -> list[str]:
+    """Warn, before a body at rest is solved, of materials that its loads stretch beyond what the law describes, whatever its shape.
+
+    A fiber of neo-Hookean material that keeps its volume bears the stress G (l - 1/l^2) at a stretch l. Along the field a magnet has the
+    stress B Br/mu0; the weight of a body that hangs is rho g L at its upper end.
+    """
+    effects = scene.effects
+    field = 0.0 if effects.magnetic_torque is None else np.linalg.norm(scene.field.uniform)
+    pull = 0.0
+    if effects.gravity is not None and effects.fluid is None:  # where nothing buoys it up
+        pull = scene.length * np.linalg.norm(effects.gravity.acceleration)
+    moving = {region.material_name for region in scene.regions() if not region.held}
+    found = []
+    for name in sorted(moving) if scene.static else ():
+        material = scene.materials[name]
+        load = max(field * material.remanence / mu_0, pull * (material.density or 0.0))
+        if load > material.shear_modulus * (LARGE_STRETCH - LARGE_STRETCH**-2):
+            found.append(
+                f"materials.{name}: the loads ({quantity(load, 'Pa', 2)}) stretch a shear modulus"
+                f" of {quantity(material.shear_modulus, 'Pa')} to more than {LARGE_STRETCH:g} times"
+                f" its length, and the solve may be slow and fail; {REMEDY}"
+            )
+    return found
+
+
 def notes_before(scene: Scene) -> list[str]:
-    """Lines for the user before a run starts: that a tube will kink, and the cost of a requested error or of a motion's time step."""
-    kink = kink_warning(scene)
+    """Lines for the user before a run starts: wrong units, a tube that will kink, the cost of a requested error or a motion's time step."""
+    too_much = overloaded(scene)
+    kink = None if too_much else kink_warning(scene)
     cost = cost_in_words(scene) if scene.resolution.requested else steps_in_words(scene)
-    return [*([f"warning: {kink}"] if kink else []), *([cost] if cost else [])]
+    warned = [f"warning: {one}" for one in (*too_much, kink) if one]
+    return [*warned, *([cost] if cost else [])]
 
 
 # largest stable step of a body, over the time that a pressure wave takes through a cell: 0.72 to

@@ -19,9 +19,10 @@ from magmpm.errors import SceneError, SolveError
 from magmpm.results.measures import Frames, near_jumps
 from magmpm.runs import distance
 from magmpm.solving import several_grids
-from magmpm.solving.several_grids import Runs, cost_in_words, grids_of
+from magmpm.solving.several_grids import Runs, cost_in_words, grids_of, overloaded
 from magmpm.statics.grids import Equilibria
 
+ROOT = Path(__file__).parents[2]
 LENGTH = 24e-3
 PLAIN = rod_scene(length=LENGTH, field=[0.0, 0.0, 5e-3])
 RAMP = {"over_time": {"ramp": {"duration": 1.0}}}
@@ -141,6 +142,27 @@ def test_an_error_is_known_where_it_was_refused(kind: str, tmp_path: Path) -> No
         runs.solve(cells)
     assert 0.1 * found.error < runs.distance_between(2, 5) < found.error
     assert found.report.get("largest_at", 1.0) > 0.0
+
+
+def test_a_spacing_is_not_dropped_where_an_error_is_asked_for(tmp_path: Path) -> None:
+    """Cells of 1 mm are 3 across a part of 3 mm, and the error of 2 would be another grid's."""
+    data = refused_before("parts at rest", tmp_path).to_si()
+    data["body"]["parts"]["spacing"] = 1e-3
+    with pytest.raises(SceneError, match=r"spacing: received 1 mm\n.*\n.*cells_across: 3}"):
+        magmpm.error(Scene.from_si(data))
+
+
+def test_loads_that_no_silicone_bears_are_told_before_they_are_solved() -> None:
+    """Scenes that ship have none; of those of silicone in a field or with a weight, kPa that are written as Pa are found."""
+    files = [*(ROOT / "data/scenes").glob("*.yaml"), *(ROOT / "data/scenes/gallery").glob("*.yaml")]
+    scenes = [magmpm.load_scene(file) for file in files]
+    assert [warning for scene in scenes for warning in overloaded(scene)] == []
+    soft = PLAIN.with_material(shear_modulus=120.0)
+    (warning,) = overloaded(soft)
+    assert "stretch a shear modulus of 120 Pa to more than 1.5 times its length" in warning
+    assert overloaded(soft.with_field([0.0, 0.0, 0.0])) == []
+    (warning,) = overloaded(soft.with_field([0.0, 0.0, 0.0]).with_effects(gravity={}))
+    assert "the loads (440 Pa)" in warning
 
 
 def test_an_error_that_would_take_longer_than_an_hour_is_refused_while_its_first_run_goes_on(
