@@ -11,7 +11,10 @@ import math
 import re
 import sys
 from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 Key = tuple[str | int, ...]
 PREFIXES = {-18: "a", -15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
@@ -155,10 +158,6 @@ class InputError(MagmpmError):
         )
 
 
-class NotThereYet(InputError):
-    """A key, command or sampler of the published contract that this version does not have yet."""
-
-
 class SceneError(InputError):
     """A value of a scene that turns out to be wrong only when the scene's body is built.
 
@@ -253,19 +252,27 @@ def installed(package: str) -> bool:
 
 
 def install(extra: str) -> str:
-    """Write the command that installs an extra of magmpm, for remedies.
+    """Write the command that installs an extra of magmpm, from where magmpm was installed, for remedies.
 
     Parameters
     ----------
     extra : str
-        Its name.
+        Its name; "" for magmpm without any.
 
     Returns
     -------
     str
         The command.
     """
-    return f"pip install 'magmpm[{extra}]'"
+    wanted = f"[{extra}]" if extra else ""
+    try:  # of what did not come from an index (PEP 610)
+        source = json.loads(metadata.distribution("magmpm").read_text("direct_url.json") or "{}")
+    except metadata.PackageNotFoundError:  # a checkout that is run without being installed
+        source = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
+    url = urlsplit(source.get("url", ""))
+    place = unquote(url.path) if url.scheme == "file" else ""
+    option = "-e " if source.get("dir_info", {}).get("editable") else ""
+    return f"pip install {option}'{place or 'magmpm'}{wanted}'"
 
 
 def require(package: str, extra: str, *, key: str, use: str, instead: str = "") -> None:

@@ -21,7 +21,7 @@ from typing import Any
 
 from magmpm.cli.answers import print_summary
 from magmpm.compiled.environment import cache_folder
-from magmpm.errors import installed
+from magmpm.errors import install, installed
 
 OK = "ok"
 WARN = "warning"
@@ -180,14 +180,9 @@ def _older(version: str, needed: _Needed) -> bool:
     return _numbers(version) < _numbers(needed.least)
 
 
-def _install(what: str) -> str:
-    """The command that installs an extra, or everything: of an installed magmpm, wheel or checkout, what it lacks."""
-    where = (
-        f"'magmpm{what}'"
-        if _installed("magmpm")
-        else f"-e '{Path(__file__).resolve().parents[2]}{what}'"
-    )
-    return f"{Path(sys.executable).name} -m pip install {where}"
+def _install(extra: str) -> str:
+    """The command for this Python that installs an extra, or what magmpm itself needs ("")."""
+    return f"{Path(sys.executable).name} -m {install(extra)}"
 
 
 def _libraries() -> Iterator[Check]:
@@ -235,14 +230,14 @@ def _extras() -> Iterator[Check]:
                 f"extra {extra}",
                 WARN,
                 f"{'; '.join(old)}: {EXTRAS_FOR[extra]}",
-                _install(f"[{extra}]"),
+                _install(extra),
             )
         elif None in versions.values():
             absent.append(extra)
     there = ", ".join(extra for extra in extras if extra not in absent)
     lacking = ", ".join(f"{extra} ({EXTRAS_FOR[extra]})" for extra in absent)
     found = f"there: {there or 'none'}" + (
-        f"; not installed: {lacking}; to add one: {_install('[NAME]')}" if absent else ""
+        f"; not installed: {lacking}; to add one: {_install('NAME')}" if absent else ""
     )
     yield Check("optional parts", OK, found)
 
@@ -387,9 +382,7 @@ with Renderer() as renderer:
 def _opengl() -> Check:
     """Find out which renderer draws: tried in a process, since a missing OpenGL library is a segmentation fault."""
     if not installed("matplotlib"):
-        return Check(
-            "OpenGL", OK, "not tried: pictures need the extra render", _install("[render]")
-        )
+        return Check("OpenGL", OK, "not tried: pictures need the extra render", _install("render"))
     printed, failure = _tried([sys.executable, "-c", _OPENGL], PATIENCE["opengl"])
     if failure:
         remedy = "apt-get install libegl1 libgl1-mesa-dri; or set MAGMPM_RENDER=matplotlib"

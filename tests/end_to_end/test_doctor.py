@@ -83,7 +83,7 @@ def test_all_that_is_looked_at(
     assert parts["found"].startswith(
         "there: magnets, render; not installed: postgresql (studies in PostgreSQL); "
     )
-    assert parts["found"].endswith("pip install 'magmpm[NAME]'")
+    assert parts["found"].endswith("[NAME]'")
 
 
 def test_every_optional_part_says_what_it_is_for() -> None:

@@ -13,7 +13,7 @@ import pytest
 from test_commands import SCENE, STUDY
 
 import magmpm
-from magmpm.errors import MissingPackage, installed, require
+from magmpm.errors import MissingPackage, install, installed, require
 from magmpm.inputs.quantities import KINDS, BadQuantity, _factor_in_pint, parse_quantity
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -128,7 +128,7 @@ def test_a_command_names_the_extra_that_it_lacks(
         says=(
             f"the package {package}, which is not installed\n",
             f"rule: it belongs to the extra `{extra}` of magmpm\n",
-            f"remedy: pip install 'magmpm[{extra}]'",
+            f"remedy: {install(extra)}",
         ),
     )
     assert said.out == ""
@@ -169,7 +169,7 @@ def test_units_without_pint(monkeypatch: pytest.MonkeyPatch) -> None:
     assert parse_quantity("40 mm", KINDS["length"]) == 0.04
     with pytest.raises(BadQuantity, match=r"m, cm, mm, .* need the package pint") as error:
         parse_quantity("1 furlong", KINDS["length"])
-    assert error.value.remedy == "write one of these, or pip install 'magmpm[units]'"
+    assert error.value.remedy == f"write one of these, or {install('units')}"
     with pytest.raises(BadQuantity, match="did you mean"):
         parse_quantity("1 kpa", KINDS["pressure"])
 
@@ -184,7 +184,7 @@ def test_what_is_installed_is_found_without_being_imported() -> None:
     assert str(error.value) == (
         "body: boxes need the package no_such_package, which is not installed\n"
         "  rule: it belongs to the extra `parts` of magmpm\n"
-        "  remedy: pip install 'magmpm[parts]', or use a strip"
+        f"  remedy: {install('parts')}, or use a strip"
     )
 
 
@@ -216,3 +216,31 @@ def files_in(folder: Path) -> list[Path]:
 
 def is_text(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
+@pytest.mark.parametrize(
+    ("source", "command"),
+    [
+        (None, "pip install 'magmpm[parts]'"),  # from an index
+        ({"url": "file:///a%20b/m.whl", "archive_info": {}}, "pip install '/a b/m.whl[parts]'"),
+        (
+            {"url": "file:///clone", "dir_info": {"editable": True}},
+            "pip install -e '/clone[parts]'",
+        ),
+        ({"url": "file:///clone", "dir_info": {}}, "pip install '/clone[parts]'"),
+    ],
+)
+def test_an_extra_is_installed_from_where_magmpm_came(
+    source: dict[str, object] | None,
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By what pip notes of an installation (PEP 610): an index need not have magmpm."""
+    installation = tmp_path / "magmpm-9.dist-info"
+    installation.mkdir()
+    (installation / "METADATA").write_text("Metadata-Version: 2.1\nName: magmpm\nVersion: 9\n")
+    if source is not None:
+        (installation / "direct_url.json").write_text(json.dumps(source))
+    monkeypatch.syspath_prepend(tmp_path)
+    assert install("parts") == command

