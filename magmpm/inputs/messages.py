@@ -270,5 +270,5 @@ def python_example(model: type[BaseModel]) -> str:
     """Text that makes an object in Python, with the settings that it needs, or with the first one if it needs none."""
     fields = model.model_fields
     needed = [name for name, field in fields.items() if field.is_required()] or list(fields)[:1]
-    settings = [f"{name}={fields[name].examples[0]!r}" for name in needed if fields[name].examples]
+    settings = [f"{name}={(fields[name].examples or ['...'])[0]!r}" for name in needed]
     return f"{model.__name__}({', '.join(settings)})"

@@ -401,10 +401,10 @@ def overloaded(scene: Scene) -> list[str]:
     stress B Br/mu0; the weight of a body that hangs is rho g L at its upper end.
     """
     effects = scene.effects
-    field = 0.0 if effects.magnetic_torque is None else np.linalg.norm(scene.field.uniform)
+    field = 0.0 if effects.magnetic_torque is None else math.hypot(*scene.field.uniform)
     pull = 0.0
     if effects.gravity is not None and effects.fluid is None:  # where nothing buoys it up
-        pull = scene.length * np.linalg.norm(effects.gravity.acceleration)
+        pull = scene.length * math.hypot(*effects.gravity.acceleration)
     moving = {region.material_name for region in scene.regions() if not region.held}
     found = []
     for name in sorted(moving) if scene.static else ():
