@@ -74,8 +74,11 @@ def field_text(snapshot: Snapshot) -> str:
     if snapshot.field is None:
         return ""
     strength = float(np.linalg.norm(snapshot.field))
-    if strength == 0.0:
-        return "|B| = 0" if snapshot.history is not None and np.any(snapshot.history.values) else ""
+    strongest = (
+        0.0 if snapshot.history is None else np.abs(snapshot.history.values).max(initial=0.0)
+    )
+    if strength <= 1e-9 * strongest:  # rounding, as of sin(2 pi)
+        return "|B| = 0" if strongest > 0.0 else ""
     return (
         f"|B| = {strength * 1e3:.1f} mT"
         if 1e-3 <= strength < 1.0
@@ -119,6 +122,7 @@ def signs(
         ),
         (any(len(s.fields) for s in snapshots), Sign("arrow", (style.FIELD,), "field")),
         (any(len(s.axis) > 1 for s in snapshots), Sign("line", (style.INK,), "axis")),
+        (len(first.trace) > 0, Sign("line", (style.TRACE,), "path so far")),
         (first.target is not None, Sign("dot", (style.TARGET,), first.target_name)),
         (first.ground is not None, Sign("swatch", (style.GROUND_SHADOW,), "ground")),
         (pushed, Sign("arrow", (style.CONTACT,), "contact force")),

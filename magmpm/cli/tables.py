@@ -41,6 +41,8 @@ def accuracy(options: argparse.Namespace) -> int:
                     ladder.summary()["rungs"],
                     folder / f"accuracy.{options.format}",
                     title=scene.name,
+                    order_finest=ladder.order_finest,
+                    order_reference=ladder.order_reference,
                 )
             )
         kept.sign_accuracy()

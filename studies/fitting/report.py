@@ -294,8 +294,8 @@ def _exact(found: Fit) -> str:
         return f"{words}; too few readings to test this"
     first = found.suspects[0]
     return (
-        f"{words}; of {len(found.suspects)} suspects {first.name} explains most of the residuals "
-        f"(p = {first.probability:.2g})"
+        f"{words}; of {len(found.suspects)} suspects the likeliest is {first.name}: chance explains"
+        f" the residuals as well with p = {first.probability:.2g}"
     )
 
 

@@ -59,6 +59,13 @@ class GoalReport:
     warnings: list[str] = field(default_factory=list)
     out: Path = Path()
 
+    def __repr__(self) -> str:
+        best = "none"
+        if self.best is not None:
+            best = f"{self.best['values']} in SI, trial {self.best['number']}"
+        goals = " and ".join(self.goals)
+        return f"GoalReport({self.name!r}: {goals}; {self.trials} trials; best: {best})"
+
     def summary(self) -> dict[str, Any]:
         """Plain data."""
         return {**vars(self), "out": str(self.out)}

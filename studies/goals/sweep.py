@@ -36,6 +36,10 @@ class SweepTable:
 
     rows: list[dict[str, Any]]
 
+    def __repr__(self) -> str:
+        columns = ", ".join(dict.fromkeys(key for row in self.rows for key in row))
+        return f"SweepTable({len(self.rows)} rows of {columns})"
+
     def to_dataframe(self) -> Any:
         """A pandas DataFrame. Raises InputError where pandas is not installed."""
         require("pandas", "dataframe", key="to_dataframe", use="tables")
