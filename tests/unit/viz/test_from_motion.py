@@ -129,6 +129,7 @@ def test_legend_and_curve_only_of_what_is_there(motion: MotionRenderer, tmp_path
     assert {sign.text for sign in annotations.legend(bare.snapshot(0))} == {
         "magnetic",
         "magnetization",
+        "path so far",
         "clamp",
     }
 
