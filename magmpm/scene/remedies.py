@@ -163,6 +163,8 @@ def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         else over.ramp
     )
     found = []
+    if not scene.effects.in_a_field and weight is None:  # what is moved or fed has no weaker load
+        return ()
     for part in parts:
         scaled = {**ramp.model_dump(), "begin": part * ramp.begin, "end": part * ramp.end}
         changes: dict[str, Any] = {"field.over_time.ramp": scaled}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
 from typing import Any
 
@@ -16,7 +17,7 @@ from magmpm.fields import schedule
 from magmpm.model import Model, build
 from magmpm.results.measures import of_particles
 from magmpm.results.result import Result
-from magmpm.results.trajectory import Motion
+from magmpm.results.trajectory import Frame, Motion
 from magmpm.scene import Scene
 
 
@@ -67,8 +68,8 @@ class Answer:
         share = k % 1.0
         if share == 0.0:
             return np.asarray(self.motion.position(int(k)), dtype=float)
-        before = self.motion[int(k)]
-        after = self.motion[int(k) + 1]
+        before = self._frame(int(k))
+        after = self._frame(int(k) + 1)
         begin = np.asarray(before.position, dtype=float)
         way = after.position - begin
         time = after.time - before.time
@@ -76,6 +77,12 @@ class Answer:
         last = time * after.quantities["velocity"] - way
         bent = (1.0 - share) * first - share * last
         return np.asarray(begin + share * (way + (1.0 - share) * bent))
+
+    @cached_property
+    def _frame(self) -> Callable[[int], Frame]:
+        """A frame of the motion by its number; the last two are remembered."""
+        assert self.motion is not None
+        return lru_cache(maxsize=2)(self.motion.__getitem__)
 
     def region(self, name: str, at: str) -> np.ndarray[Any, np.dtype[np.bool_]]:
         """Select the particles (n,) of the body, or of a part or segment by its name. Raises InputError."""
@@ -148,13 +155,14 @@ class Answer:
             strength = np.linalg.norm(field.at(self.result.particle_position), axis=1).max()
             return np.zeros(1), np.array([strength])
         times = np.union1d(times, self.times)
-        nearest = np.rint(np.interp(times, self.times, np.arange(len(self.times))))
-        strength = np.zeros(len(times))
-        for k in np.unique(nearest).astype(int):
-            x = self.particles(k)
-            for i in np.flatnonzero(nearest == k):
-                strength[i] = np.linalg.norm(field.at(x, float(times[i])), axis=1).max()
-        return times, strength
+        number = np.interp(times, self.times, np.arange(len(self.times)))
+        if self._path:  # between two equilibria there is no answer
+            number = np.rint(number)
+        strength = [
+            np.linalg.norm(field.at(self.particles(k), float(time)), axis=1).max()
+            for k, time in zip(number, times, strict=True)
+        ]
+        return times, np.array(strength)
 
     def pushes(self, of: str) -> Array:
         """Force (k, 3) N of an obstacle, or of two parts, at each moment of what runs along time, or (1, 3) at rest."""

@@ -6,7 +6,7 @@ import importlib.util
 import math
 import traceback
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.spatial.transform import Rotation
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import InputError, MagmpmError, length, quantity
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
@@ -263,20 +263,25 @@ class ContactForce(Smooth):
         forces = answer.pushes(self.of)
         sizes = np.linalg.norm(forces, axis=1)
         slopes = [
-            forces[k] / max(float(sizes[k]), 1e-300) @ of.force(self.of, k)
-            for k in self._counted(sizes)
+            share * forces[k] / max(float(sizes[k]), 1e-300) @ of.force(self.of, int(k))
+            for k, share in zip(*self._counted(answer, sizes), strict=True)
         ]
-        return np.mean(slopes, axis=0)
+        return np.sum(slopes, axis=0)
 
-    def _counted(self, sizes: Array) -> Sequence[int]:
-        """Numbers of the moments that count."""
-        if self.over == "mean":
-            return range(len(sizes))
-        return [int(np.argmax(sizes)) if self.over == "largest" else len(sizes) - 1]
+    def _counted(self, answer: Answer, sizes: Array) -> tuple[Index, Array]:
+        """Numbers (k,) of the moments that count, and by how much (k,): in a mean by their share of the time."""
+        if self.over != "mean" or len(sizes) == 1:
+            return np.array(
+                [sizes.argmax() if self.over == "largest" else len(sizes) - 1]
+            ), np.ones(1)
+        share = np.gradient(answer.times) / np.ptp(answer.times)
+        share[[0, -1]] *= 0.5
+        return np.arange(len(sizes)), share
 
     def of_answer(self, answer: Answer, at: str) -> float:
         sizes = np.linalg.norm(answer.pushes(self._named(answer, at)), axis=1)
-        return float(sizes[self._counted(sizes)].mean())
+        moments, share = self._counted(answer, sizes)
+        return float(share @ sizes[moments])
 
     def _named(self, answer: Answer, at: str) -> str:
         """Its name in contacts.csv, where a pair has one order. Raises InputError."""

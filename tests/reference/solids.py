@@ -40,6 +40,24 @@ def ball(center: tuple[float, float, float], radius: float, rings: int = 12) -> 
     return Mesh(np.array(center) + radius * vertices, np.array(faces))
 
 
+def between(one: np.ndarray, other: np.ndarray, half: float) -> Mesh:
+    """A prism along y, from -half to half (m), between two curves of as many points (n, 2) x, z m; `other` is to the right of `one` as
+    they are followed, with x to the right and z up."""
+    profile = np.concatenate([one, other[::-1]])
+    count = len(profile)
+    vertices = np.concatenate([np.insert(profile, 1, y, axis=1) for y in (-half, half)])
+    faces = []
+    for k in range(count):
+        after = (k + 1) % count
+        faces += [(k, after, count + after), (k, count + after, count + k)]
+    for k in range(len(one) - 1):
+        corners = (k, k + 1, count - 2 - k, count - 1 - k)
+        for a, b, c in ((0, 1, 2), (0, 2, 3)):
+            faces.append((corners[a], corners[c], corners[b]))
+            faces.append((count + corners[a], count + corners[b], count + corners[c]))
+    return Mesh(vertices, np.array(faces))
+
+
 def turned(mesh: Mesh, axis: tuple[float, float, float], angle: float) -> Mesh:
     """The mesh rotated about an axis through the origin, by an angle in rad."""
     rotation = Rotation.from_rotvec(angle * np.array(axis) / np.linalg.norm(axis))

@@ -151,6 +151,42 @@ def test_the_largest_field_of_a_magnet_is_that_at_the_nearest_particle() -> None
     assert 2e-7 / 26e-3**3 < found < 2e-7 / 25e-3**3
 
 
+def test_the_largest_field_of_what_moves_past_a_magnet(tmp_path: Path) -> None:
+    """A block that falls past a dipole between two of its four frames: that of a rigid fall, g t^2 / 2, at the nearest moment. To 1e-4:
+    a thousandth of the time, in which it falls by 0.01 mm of 8, and places in single precision."""
+    data = moving_scene(
+        block((2e-3, 2e-3, 2e-3)),
+        {"gravity": {}, "magnetic_torque": {}, "magnetic_force": {}},
+        solver={"dynamic": {"duration": 0.04, "output_every": 0.01}},
+        field={"dipole": [{"position": [6e-3, 0.0, -4e-3], "moment": [1e-3, 0.0, 0.0]}]},
+    )
+    answer = Answer(data, run(data, folder=tmp_path), Motion.load(tmp_path))
+    field = data.external_field()
+    strongest = 0.0
+    for time in np.linspace(0.0, 0.04, 2001):
+        fallen = answer.particles(0) - [0.0, 0.0, 9.81 * time**2 / 2]
+        strongest = max(strongest, np.linalg.norm(field.at(fallen), axis=1).max())
+    assert measured(answer, largest_field={}) == pytest.approx(strongest, rel=1e-4)
+
+
+def test_a_mean_force_is_that_over_time(tmp_path: Path) -> None:
+    """A tip that is pressed on the ground in uneven steps: each force counts for the time until the next and since the one before."""
+    data = plain(SCENE)
+    data["effects"] = {"magnetic_torque": {}, "ground": {"point": ["0 mm", "0 mm", "-2.1 mm"]}}
+    data["field"] = {
+        "uniform": ["0 mT", "0 mT", "-6 mT"],
+        "over_time": {"ramp": {"duration": "1 s"}},
+    }
+    times = ["0 s", "0.5 s", "0.7 s", "0.95 s", "1 s"]
+    data["solver"] = {"quasi_static": {"at": times}}
+    scene = Scene.from_si(data)
+    answer = Answer(scene, run(scene, folder=tmp_path), Motion.load(tmp_path))
+    force = answer.pushes("ground")[:, 2]
+    found = measured(answer, contact_force={"with": "ground", "over": "mean"})
+    assert 0.0 < force[1] < force[-1]
+    assert found == pytest.approx(np.trapezoid(force, [0.0, 0.5, 0.7, 0.95, 1.0]), rel=1e-6)
+
+
 def test_two_parts_that_have_left_each_other_press_no_more(tmp_path: Path) -> None:
     """A block that bounces: its pair has rows only while it touches. Either order is its name, and no other."""
     scene = parts_scene(

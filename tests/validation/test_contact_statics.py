@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 from reference.scenes import G
+from reference.solids import between, box
 
+from magmpm.bodies.surface_mesh import write_stl
 from magmpm.dynamics import energies
 from magmpm.dynamics.quasi_static import PathState, follow
 from magmpm.dynamics.time_loop import begin, integrate
@@ -227,11 +229,11 @@ def growing(time: float) -> dict[str, Any]:
     return {"uniform": [0.0, 0.0, -25e-3], "over_time": {"keyframes": moments}}
 
 
-def contact(state: PathState) -> Any:
-    """Contact with the ground at the last equilibrium."""
+def contact(state: PathState, of: str = "ground") -> Any:
+    """Contact with an obstacle at the last equilibrium."""
     shape = state.shape
     assert shape.touched is not None
-    return contacts_at_rest(shape.model, shape.touched)["ground"]
+    return contacts_at_rest(shape.model, shape.touched)[of]
 
 
 def test_a_strip_that_is_dragged_feels_friction_times_its_push() -> None:
@@ -312,3 +314,57 @@ def test_the_path_is_that_of_a_slow_motion() -> None:
     for k, one in enumerate(found[4:], start=4):
         at = [np.interp(k / 20, times, force[:, axis]) for axis in range(3)]
         np.testing.assert_allclose(one, at, rtol=0, atol=0.04 * force.max())
+
+
+@pytest.mark.slow
+def test_a_band_around_a_drum_pulls_as_a_capstan(tmp_path: Path) -> None:
+    """A band of 1 mm is laid around a quarter of a drum of 8 mm, stretched from both ends, then pulled at one: it
+    slides, and its tensions differ by a factor of e^(mu pi / 2) (Euler; Eytelwein), within 2 %.
+
+    The drum's force is the sum of both tensions: that at one end is its z, at the other its x.
+    """
+    friction = 0.3
+    radius = 8e-3
+    half = 1e-3
+    tail = 4e-3
+    angle = np.linspace(0.0, np.pi / 2, 49)
+
+    def around(r: float, straight: float) -> np.ndarray:
+        bent = r * np.column_stack([np.cos(angle), np.sin(angle)])
+        return np.vstack([[r, -straight], bent, [-straight, r]])
+
+    inner = radius + 2e-6
+    outer = inner + 1e-3
+    meshes = {
+        "band": between(around(inner, tail), around(outer, tail), half),
+        "pulled": box((inner, -half, -tail - 2e-3), (outer, half, -tail)),
+        "held": box((-tail - 2e-3, -half, inner), (-tail, half, outer)),
+        "drum": between(around(radius, 9e-3), around(outer + 2e-3, 9e-3), 3e-3),
+    }
+    for name, mesh in meshes.items():
+        write_stl(mesh, tmp_path / f"{name}.stl")
+    parts = [
+        {"mesh": str(tmp_path / f"{name}.stl"), "name": name, "material": "m", "clamp": held}
+        for name, held in (("band", False), ("pulled", True), ("held", True))
+    ]
+    stretch = {"keyframes": [{"time": 0.0, "strength": 0.0}, {"time": 1.0, "strength": 1.0}]}
+    pull = {"keyframes": [{"time": 1.0, "strength": 0.1}, {"time": 2.0, "strength": 1.0}]}
+    pull["keyframes"].insert(0, {"time": 0.0, "strength": 0.0})
+    lumen = {"surface": {"mesh": str(tmp_path / "drum.stl"), "unit": "m"}, "friction": friction}
+    told = contact(
+        follow(
+            scene(
+                {"parts": {"unit": "m", "spacing": 0.48e-3, "meshes": parts}},
+                {"walls": lumen},
+                move={
+                    "held": {"along": [-1, 0, 0], "distance": 0.1e-3, "over_time": stretch},
+                    "pulled": {"along": [0, 0, -1], "distance": 1e-3, "over_time": pull},
+                },
+                solver={"quasi_static": {"steps": 18, "duration": 2.0}},
+            )
+        ),
+        "walls",
+    )
+    assert told["force"][2] / told["force"][0] == pytest.approx(
+        np.exp(friction * np.pi / 2), rel=0.02
+    )

@@ -162,3 +162,12 @@ def test_a_path_out_of_time_takes_no_more_steps_than_it_took() -> None:
     assert len(late.applied(along).path_times()) == 5  # of 0.45 s, the first among them
     finer = remedies(along, SolveError("broken", Reached(0.5)))[0].applied(along)
     assert len(finer.path_times()) > 10
+
+
+def test_what_only_is_moved_has_no_weaker_load() -> None:
+    """Neither field nor weight: a finer path is what is left."""
+    data = rod_scene(length=16e-3, field=(0, 0, 0), cells=2).to_si()
+    path = {"quasi_static": {"steps": 4, "duration": 1.0}}
+    alone = Scene.from_si({**data, "solver": path, "effects": {"self_contact": {}}})
+    words = [remedy.words for remedy in remedies(alone, SolveError("no equilibrium", None))]
+    assert words == ["solver.quasi_static: {steps: 16}"]
