@@ -178,7 +178,7 @@ class Strain:
 
 
 def strain_of(model: Model, position: Array, F: Array, time: float | None = None) -> Strain:
-    """Find the strain of a body. Stretches are computed where they may exceed the limit, and for the particle with the largest tr F^T F.
+    """Find the strain of a body. Stretches are computed where they may exceed the limit, or be the largest.
 
     Parameters
     ----------
@@ -200,11 +200,12 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
     J = np.empty(len(F))
     squares = np.empty(len(F))
     _invariants(F, J, squares)
-    least = (
-        LARGE_STRETCH**2 + 2.0 * J / LARGE_STRETCH
-    )  # of tr F^T F where the stretch is LARGE_STRETCH: the other two are alike
-    some = np.union1d(np.flatnonzero(squares >= least * (1 - 1e-12)), [int(np.argmax(squares))])
-    stretch = np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F[some], F[some]))[:, 2])
+    first = int(np.argmax(squares))
+    known = min(float(_stretches(F[[first]])[0]), LARGE_STRETCH)
+    # tr F^T F is at least that, where the stretch is `known`: with the other two alike
+    least = known**2 + 2.0 * J / known
+    some = np.union1d(np.flatnonzero(squares >= least * (1 - 1e-12)), [first])
+    stretch = _stretches(F[some])
     whole = float(volume.sum())
     return Strain(
         stretch=float(stretch.max()),
@@ -215,6 +216,11 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
         radius=np.inf if model.line is None else tightest_radius(_slices(model, position)),
         time=time,
     )
+
+
+def _stretches(F: Array) -> Array:
+    """Largest stretch (n,) of F (n, 3, 3)."""
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F, F))[:, 2]))
 
 
 @compiled

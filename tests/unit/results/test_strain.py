@@ -57,6 +57,14 @@ def test_stretches_are_the_principal_ones(
     )
 
 
+def test_the_largest_stretch_is_not_that_of_the_largest_strain(model: Model) -> None:
+    """One particle in plane tension (1.09, 1.09, 1) has more tr F^T F than another in uniaxial tension at constant volume by 1.12."""
+    F = np.tile(np.diag([1.12, 1.12**-0.5, 1.12**-0.5]), (len(model.density), 1, 1))
+    F[0] = np.diag([1.09, 1.09, 1.0])
+    assert np.sum(F[0] ** 2) > np.sum(F[1] ** 2)
+    assert strain_of(model, model.particles.position, F).stretch == pytest.approx(1.12, rel=1e-12)
+
+
 @pytest.mark.parametrize(("J", "told"), [(0.81, False), (0.79, True), (1.19, False), (1.21, True)])
 def test_volume_is_kept_within_a_fifth(
     J: float, told: bool, model: Model, rng: np.random.Generator
