@@ -9,7 +9,7 @@ Source: implicit function theorem; Tortorelli and Michaleris, Inverse Problems i
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -281,7 +281,7 @@ class Sensitivities:
         volume = self._volumes(region)
         return self._near.mean(volume / volume.sum())
 
-    def moments(self, region: int | None = None) -> Array:
+    def moments(self, region: int | Literal["tip"] | None = None) -> Array:
         """Find the derivatives of the first moments of a region, or of the body, which decide how it turns.
 
         They are the mean of x_i X_j, where X is the undeformed place, from its mean. For variables
@@ -289,8 +289,9 @@ class Sensitivities:
 
         Parameters
         ----------
-        region : int, optional
-            Index of a segment or part; the whole body unless given.
+        region : int or "tip", optional
+            Index of a segment or part, or the last cells of a straight body; the whole body unless
+            given.
 
         Returns
         -------
@@ -339,9 +340,11 @@ class Sensitivities:
             )
         return self._near.pushed(obstacle)
 
-    def _volumes(self, region: int | None) -> Array:
+    def _volumes(self, region: int | Literal["tip"] | None) -> Array:
         """Volume (n,) m^3 of each particle, 0 outside of a region."""
         particles = self._near.model.particles
+        if region == "tip":
+            return particles.volume * (particles.cell[:, 0] == particles.cell[:, 0].max())
         return particles.volume * (True if region is None else particles.segment == region)
 
     @property

@@ -85,16 +85,19 @@ class Answer:
         return lru_cache(maxsize=2)(self.motion.__getitem__)
 
     def region(self, name: str, at: str) -> np.ndarray[Any, np.dtype[np.bool_]]:
-        """Select the particles (n,) of the body, or of a part or segment by its name. Raises InputError."""
+        """Select the particles (n,) of the body, of the last cells at its tip, or of a part or segment by its name. Raises InputError."""
         if name == "body":
             return np.ones(len(self.model.density), bool)
+        if name == "tip" and self.model.line is not None:
+            along = self.model.particles.cell[:, 0]
+            return np.asarray(along == along.max())
         names = [region.name for region in self.scene.regions()]
         if name not in names:
             raise InputError(
                 f"{at}.of",
                 received=repr(name),
                 rule=f"must be tip, body, or one of {', '.join(names)}",
-                remedy="correct the name",
+                remedy="correct the name; of parts a tip has a place alone, so name the part",
             )
         return np.asarray(self.model.particles.segment == names.index(name))
 

@@ -170,7 +170,7 @@ class Turn(AtMoment):
         turned, _ = Rotation.align_vectors(now, begin, weights=share)
         R = turned.as_matrix()
         P = R.T @ ((share[:, None] * now).T @ begin)
-        A = np.einsum("ji,jmk->imk", R, of.moment(self._of, k))
+        A = np.einsum("ji,jmk->imk", R, of.moment(self.of, k))
         a = np.stack([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
         w = np.linalg.solve(np.trace(P) * np.eye(3) - P, a)
         r = turned.as_rotvec()
@@ -180,13 +180,9 @@ class Turn(AtMoment):
         share_twice = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / angle**2
         return np.array(self.about) @ (w + 0.5 * across + share_twice * twice)
 
-    @property
-    def _of(self) -> str:
-        return "body" if self.of == "tip" else self.of
-
     def _arms(self, answer: Answer, k: float, at: str) -> tuple[Array, Array, Array]:
         """Particles from their mean, undeformed and at moment k, (n, 3) m, and their shares (n,) of the volume."""
-        on = answer.region(self._of, at)
+        on = answer.region(self.of, at)
         volume = answer.model.particles.volume[on]
         share = volume / volume.sum()
         begin = answer.particles(None)[on]

@@ -93,7 +93,9 @@ def values_and_slopes(
 
     def moment(of: str, k: float) -> Array:
         there = near(int(k))
-        return np.zeros((3, 3, len(ways))) if there is None else there.moments(region(of)) @ turns
+        if there is None:
+            return np.zeros((3, 3, len(ways)))
+        return there.moments("tip" if of == "tip" else region(of)) @ turns
 
     def force(of: str, k: int) -> Array:
         there = near(k if scene.in_time else 1)
