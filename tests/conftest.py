@@ -1,6 +1,8 @@
 """Rules for every test: NumPy floating-point errors raise, random numbers are reproducible, BLAS uses one thread."""
 
+import gc
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,6 +11,10 @@ from typing import Any
 # Set before NumPy is imported: one BLAS thread, because Numba's threads and xdist's workers share the same few cores.
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# Where the environment forbids to keep bytecode, each worker and each process of a test would compile all sources anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Tests write scenes in temporary folders that name shipped files, and others; test_allowed_paths.py is of the rule itself.
 os.environ["MAGMPM_ALLOW_OUTSIDE"] = os.sep
@@ -42,6 +48,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest tests come first, so that no worker is left alone with them at the end."""
     first = Path(__file__).parent / "validation"
     items.sort(key=lambda item: first not in item.path.parents)
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """What is loaded by now stays to the end. Garbage is not sought in it over and over: that took an eighth of a study's time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
 
 
 @pytest.fixture(autouse=True)
