@@ -19,6 +19,7 @@ from magmpm.studies.engine.loop import run_study
 from magmpm.studies.problem.study_file import SCHEMA, StudyFile
 from magmpm.studies.search.definition import Study, definition_hash, differences, load_study
 
+Begun = Callable[[Path, int], Study]
 ROOT = Path(__file__).parents[2]
 STUDIES = sorted((ROOT / "data/studies").glob("*.yaml"))
 
@@ -123,11 +124,10 @@ def test_what_does_not_change_the_definition(study: str, scene: str, tmp_path: P
     ],
 )
 def test_another_definition_is_refused_and_the_difference_shown(
-    study: str, scene: str, shown: str, tmp_path: Path
+    study: str, scene: str, shown: str, tmp_path: Path, begun: Begun
 ) -> None:
-    path = write_study(tmp_path)
+    path = begun(tmp_path, 1).path
     out = tmp_path / "out"
-    run_study(load_study(path), solve=solve, out=out, trials=1)
     write_study(tmp_path, study, scene)
     with pytest.raises(InputError) as caught:
         run_study(load_study(path), solve=solve, out=out, trials=2)
@@ -141,10 +141,9 @@ def test_another_definition_is_refused_and_the_difference_shown(
     )
 
 
-def test_another_target_is_refused(tmp_path: Path) -> None:
-    path = write_study(tmp_path)
+def test_another_target_is_refused(tmp_path: Path, begun: Begun) -> None:
+    path = begun(tmp_path, 1).path
     out = tmp_path / "out"
-    run_study(load_study(path), solve=solve, out=out, trials=1)
     table = (tmp_path / "target.csv").read_text()
     last = table.rstrip().splitlines()[-1]
     (tmp_path / "target.csv").write_text(
@@ -172,10 +171,9 @@ def test_overrides_of_the_command_line(tmp_path: Path) -> None:
 # A results folder belongs to one study
 
 
-def test_another_study_is_refused_in_the_same_folder(tmp_path: Path) -> None:
+def test_another_study_is_refused_in_the_same_folder(tmp_path: Path, begun: Begun) -> None:
     """Their pictures and improvements would be mixed; the message names both and gives the remedy."""
-    path = write_study(tmp_path)
-    run_study(load_study(path), solve=solve, out=tmp_path / "out", trials=1)
+    path = begun(tmp_path, 1).path
     other = path.with_name("other.yaml")
     other.write_text(path.read_text())
     with pytest.raises(InputError, match="probe") as caught:
@@ -185,10 +183,9 @@ def test_another_study_is_refused_in_the_same_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00"])
-def test_a_damaged_name_of_the_study(content: bytes, tmp_path: Path) -> None:
+def test_a_damaged_name_of_the_study(content: bytes, tmp_path: Path, begun: Begun) -> None:
     """An empty file is written again; a file with other bytes is refused."""
-    study = load_study(write_study(tmp_path))
-    run_study(study, solve=solve, out=tmp_path / "out", trials=1)
+    study = begun(tmp_path, 1)
     (tmp_path / "out/study-name.txt").write_bytes(content)
     if content:
         with pytest.raises(InputError, match=r"study-name\.txt"):
@@ -213,12 +210,11 @@ DAMAGES = [
 
 @pytest.mark.parametrize(("name", "damage"), DAMAGES)
 def test_a_damaged_design_is_made_again(
-    name: str, damage: Callable[[Path], None], tmp_path: Path
+    name: str, damage: Callable[[Path], None], tmp_path: Path, begun: Begun
 ) -> None:
     """Best and improvements: a study continues, and repairs what can be solved again."""
-    study = load_study(write_study(tmp_path))
+    study = begun(tmp_path, 4)
     out = tmp_path / "out"
-    run_study(study, solve=solve, out=out, trials=4)
     folders = [out / "best", *sorted((out / "improvements").iterdir())]
     assert len(folders) >= 3, "the best and two that were better than what was before"
     good = [(folder / "design.json").read_text() for folder in folders]
@@ -262,10 +258,11 @@ def _refused(study: Study, out: Path, *says: str, **options: Any) -> None:
     assert after == before
 
 
-def test_a_deleted_or_empty_database_is_not_begun_anew_over_its_designs(tmp_path: Path) -> None:
-    study = load_study(write_study(tmp_path))
+def test_a_deleted_or_empty_database_is_not_begun_anew_over_its_designs(
+    tmp_path: Path, begun: Begun
+) -> None:
+    study = begun(tmp_path, 4)
     out = tmp_path / "out"
-    run_study(study, solve=solve, out=out, trials=4)
     kept = tmp_path / "kept"
     kept.mkdir()
     for path in out.glob("study.db*"):

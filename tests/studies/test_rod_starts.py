@@ -43,7 +43,7 @@ def rms(design: RodDesign, scene: Scene, regions: list[int], target: Array) -> f
     return float(np.sqrt(np.mean(np.sum((shape.at(target[:, 0]) - target[:, 1:]) ** 2, axis=1))))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
 def test_shapes_of_rods_are_found_again(seed: int, tmp_path: Path) -> None:
     """A target that a random design makes: the best design is within 0.3 % of the length, and its rms is what solve_rod says."""
     rng = np.random.default_rng(seed)
@@ -112,7 +112,7 @@ def arm_in(folder: Path) -> Scene:
     return load_scene(path)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_what_a_weaker_field_reaches_a_stronger_one_reaches(seed: int, tmp_path: Path) -> None:
     """A strip whose tip folds back has mirrored equilibria; within no bound are the designs worse than within a smaller one.
 

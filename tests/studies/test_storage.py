@@ -10,7 +10,9 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from datetime import datetime, timedelta
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,6 +21,7 @@ import optuna
 import pytest
 import rod_solve
 from interruptible import draw
+from optuna.trial import FrozenTrial
 from reference.folders import holding
 from rod_solve import STUDY, RodResult, differentiate, solve, write_study
 from test_resume import trials_of
@@ -44,6 +47,8 @@ from magmpm.studies.engine.workers.sessions import (
 from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.search.definition import Study, load_study
 
+Begun = Callable[[Path, int], Study]
+SHORT = STUDY.replace("trials: 8", "trials: 6")
 LOCKER = """\
 import sqlite3, sys
 connection = sqlite3.connect(sys.argv[1], isolation_level=None)
@@ -57,6 +62,20 @@ def run(folder: Path, how: Any = solve, text: str = STUDY, **options: Any) -> St
     return run_study(
         load_study(write_study(folder, text)), solve=how, **{"out": folder / "out", **options}
     )
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], list[FrozenTrial]]:
+    """whole(sampler): the trials of a short study that nothing happens to."""
+
+    @cache
+    def trials(sampler: str) -> list[FrozenTrial]:
+        folder = tmp_path_factory.mktemp("whole")
+        text = SHORT.replace("sampler: random", f"sampler: {sampler}")
+        run(folder, text=text, picture=draw, differentiate=differentiate)
+        return trials_of(folder / "out")
+
+    return trials
 
 
 def test_sqlite_is_in_wal_mode_and_lets_others_read_and_write(tmp_path: Path) -> None:
@@ -73,8 +92,8 @@ def test_sqlite_is_in_wal_mode_and_lets_others_read_and_write(tmp_path: Path) ->
     assert run(tmp_path, look).failed == 0
 
 
-def test_a_locked_database_is_waited_for_then_said(tmp_path: Path) -> None:
-    run(tmp_path, trials=2)
+def test_a_locked_database_is_waited_for_then_said(tmp_path: Path, begun: Begun) -> None:
+    begun(tmp_path, 3)
     with holding(tmp_path / "out/study.db", LOCKER):
         begun = time.monotonic()
         with pytest.raises(StorageError) as caught:
@@ -85,21 +104,23 @@ def test_a_locked_database_is_waited_for_then_said(tmp_path: Path) -> None:
     assert "another process has kept it locked for 0.5 s" in message
     assert "run this command again: it resumes" in message
     assert caught.value.exit_status == 1
-    assert run(tmp_path).trials == 8, "and it does"
+    assert run(tmp_path, trials=4).trials == 4, "and it does"
 
 
-def test_a_lock_that_goes_in_time_is_not_noticed(tmp_path: Path) -> None:
-    run(tmp_path, trials=2)
+def test_a_lock_that_goes_in_time_is_not_noticed(tmp_path: Path, begun: Begun) -> None:
+    begun(tmp_path, 3)
     holder = sqlite3.connect(
         tmp_path / "out/study.db", isolation_level=None, check_same_thread=False
     )
     holder.execute("BEGIN EXCLUSIVE")
     threading.Timer(0.7, lambda: holder.execute("COMMIT")).start()
-    assert run(tmp_path, storage_timeout=20).trials == 8
+    assert run(tmp_path, storage_timeout=20, trials=4).trials == 4
     holder.close()
 
 
-def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
+def test_locked_in_mid_study_keeps_what_is_finished(
+    tmp_path: Path, whole: Callable[[str], list[FrozenTrial]]
+) -> None:
     holders = []
 
     def then_locked(scene: Scene) -> RodResult:
@@ -114,10 +135,8 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
     holders[0].close()
     states = [t.state for t in trials_of(tmp_path / "out")]
     assert states == [optuna.trial.TrialState.COMPLETE] * 3 + [optuna.trial.TrialState.RUNNING]
-    run(tmp_path)
-    whole = tmp_path / "whole"
-    run(tmp_path, out=whole)
-    assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in trials_of(whole)]
+    run(tmp_path, trials=6)
+    assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in whole("random")]
 
 
 @pytest.mark.parametrize(
@@ -212,10 +231,10 @@ def test_what_a_study_needs_is_prepared_before_it_is_written(tmp_path: Path) -> 
     "url", ["sqlite://", "sqlite:///:memory:", "sqlite:///file:x?mode=memory&uri=true"]
 )
 def test_a_database_in_memory_is_refused_in_a_folder_that_has_designs_too(
-    url: str, tmp_path: Path
+    url: str, tmp_path: Path, begun: Begun
 ) -> None:
     """No file can be missing, because such a database has none."""
-    run(tmp_path, trials=1)
+    begun(tmp_path, 1)
     with pytest.raises(InputError, match="lost with its process"):
         run(tmp_path, storage=url)
 
@@ -246,9 +265,9 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
         ),
     ],
 )
-def test_code_in_a_database_is_refused(code: str, tmp_path: Path) -> None:
+def test_code_in_a_database_is_refused(code: str, tmp_path: Path, begun: Begun) -> None:
     """It would delete trials, or keep a reader busy without end."""
-    run(tmp_path, trials=1)
+    begun(tmp_path, 1)
     connection = sqlite3.connect(tmp_path / "out/study.db")
     connection.executescript(code)
     connection.close()
@@ -256,9 +275,9 @@ def test_code_in_a_database_is_refused(code: str, tmp_path: Path) -> None:
         run(tmp_path)
 
 
-def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
+def test_a_damaged_database_is_told_as_such(tmp_path: Path, begun: Begun) -> None:
     """The message says what may save it, and does not claim that the study resumes."""
-    run(tmp_path, trials=3)
+    begun(tmp_path, 3)
     path = tmp_path / "out/study.db"
     connection = sqlite3.connect(path)
     connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
@@ -299,15 +318,19 @@ def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
             run(tmp_path)
     shutil.rmtree(tmp_path / "out")
     whole.rename(tmp_path / "out")
-    assert run(tmp_path).trials == 8
+    assert run(tmp_path, trials=4).trials == 4
 
 
 @pytest.mark.parametrize("file", ["design.json", "study.json"])
 def test_a_full_disk_keeps_the_trials(
-    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    file: str,
+    tmp_path: Path,
+    begun: Begun,
+    whole: Callable[[str], list[FrozenTrial]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The message gives file and remedy and says that trials are kept; with free space the study continues unchanged."""
-    run(tmp_path, trials=3)
+    begun(tmp_path, 3)
     shutil.rmtree(tmp_path / "out/best")
     shutil.rmtree(tmp_path / "out/improvements")
     write_text = Path.write_text
@@ -320,7 +343,7 @@ def test_a_full_disk_keeps_the_trials(
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_text", no_room)
         with pytest.raises(StorageError) as caught:
-            run(tmp_path)
+            run(tmp_path, text=SHORT)
     said = str(caught.value)
     for part in (
         f"{file}: No space left on device\n  rule: ",
@@ -329,17 +352,14 @@ def test_a_full_disk_keeps_the_trials(
     ):
         assert part in said
     assert said.startswith(str(tmp_path / "out"))
-    assert run(tmp_path).trials == 8
-    run(tmp_path, out=tmp_path / "whole")
-    assert [t.params for t in trials_of(tmp_path / "out")] == [
-        t.params for t in trials_of(tmp_path / "whole")
-    ]
+    assert run(tmp_path, text=SHORT).trials == 6
+    assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in whole("random")]
 
 
 def test_a_database_without_room_keeps_the_trials(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, begun: Begun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run(tmp_path, trials=3)
+    begun(tmp_path, 3)
 
     def full(*_: Any, **__: Any) -> Any:
         raise sqlite3.OperationalError("database or disk is full")
@@ -357,7 +377,7 @@ def test_a_database_without_room_keeps_the_trials(
         "it resumes",
     ):
         assert part in said
-    assert run(tmp_path).trials == 8
+    assert run(tmp_path, trials=4).trials == 4
 
 
 def test_the_storage_of_a_saved_study() -> None:
@@ -422,9 +442,9 @@ def test_a_folder_that_cant_be_written_is_said(tmp_path: Path) -> None:
 
 
 def left_running(folder: Path, **owner: Any) -> str:
-    """A shared database with three finished trials and one that `owner` left running. Returns its URL."""
+    """A shared database with a finished trial and one that `owner` left running. Returns its URL."""
     url = f"sqlite:///{folder}/shared.db"
-    run(folder, storage=url, trials=3)
+    run(folder, storage=url, trials=1)
     study = optuna.load_study(study_name="probe", storage=url)
     study.ask()
     study.set_user_attr("process", {**study.user_attrs["process"], **owner})
@@ -436,12 +456,12 @@ def test_a_trial_that_runs_elsewhere_is_not_taken(tmp_path: Path) -> None:
     url = left_running(
         tmp_path, pid=os.getppid(), started=began, out="/elsewhere"
     )  # on this machine, running
-    with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on "):
+    with pytest.raises(StorageError, match=r"trial 1 is being run by process \d+ on "):
         run(tmp_path, storage=url)
     url = left_running(
         tmp_path / "b", host="another", out="/elsewhere"
     )  # on another machine, just started
-    with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on another"):
+    with pytest.raises(StorageError, match=r"trial 1 is being run by process \d+ on another"):
         run(tmp_path / "b", storage=url)
 
 
@@ -451,11 +471,11 @@ def test_a_trial_left_behind_elsewhere_is_taken_up(
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     url = left_running(tmp_path, pid=ended.pid, out="/elsewhere")  # on this machine, ended
-    assert run(tmp_path, storage=url).trials == 8
+    assert run(tmp_path, storage=url, trials=2).trials == 2
     url = left_running(
         tmp_path / "c", pid=os.getppid(), started=1, out="/elsewhere"
     )  # ended, and its number given to another
-    assert run(tmp_path / "c", storage=url).trials == 8
+    assert run(tmp_path / "c", storage=url, trials=2).trials == 2
     url = left_running(
         tmp_path / "b", host="another", out="/elsewhere"
     )  # on another machine, started long ago
@@ -466,9 +486,9 @@ def test_a_trial_left_behind_elsewhere_is_taken_up(
             return datetime.now(tz) + timedelta(seconds=STALE + 1)
 
     monkeypatch.setattr("magmpm.studies.engine.workers.sessions.datetime", Later)
-    report = run(tmp_path / "b", storage=url)
-    assert report.trials == 8
-    assert json.loads((tmp_path / "b/out/study.json").read_text())["trials"] == 8
+    report = run(tmp_path / "b", storage=url, trials=2)
+    assert report.trials == 2
+    assert json.loads((tmp_path / "b/out/study.json").read_text())["trials"] == 2
 
 
 def test_a_process_that_has_ended_and_that_nobody_has_waited_for_is_not_alive(
@@ -608,12 +628,12 @@ STRIKES = {
     ("how", "sampler"), [*((how, "random") for how in STRIKES), ("deleted", "gauss-newton")]
 )
 def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved(
-    how: str, sampler: str, tmp_path: Path
+    how: str, sampler: str, tmp_path: Path, whole: Callable[[str], list[FrozenTrial]]
 ) -> None:
     """At the next trial, and with the one that was being solved; the study goes on as if nothing had happened."""
     database = tmp_path / "out/study.db"
     solved = []
-    text = STUDY.replace("sampler: random", f"sampler: {sampler}")
+    text = SHORT.replace("sampler: random", f"sampler: {sampler}")
 
     def striking(result: RodResult, path: Path, trial: Trial) -> Path:
         solved.append(trial.number)
@@ -643,12 +663,10 @@ def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved
             run(tmp_path, text=text, **options)
     url = None if place == database else f"sqlite:///{place}"
     report = run(tmp_path, text=text, storage=url, **options)
-    assert (report.trials, report.failed) == (8, 0)
-    assert solved == list(range(8)), "no trial is solved again"
-    whole = tmp_path / "whole"
-    run(whole, text=text, picture=draw, differentiate=differentiate)
+    assert (report.trials, report.failed) == (6, 0)
+    assert solved == list(range(6)), "no trial is solved again"
     here = optuna.load_study(study_name="probe", storage=f"sqlite:///{place}").trials
-    there = optuna.load_study(study_name="probe", storage=f"sqlite:///{whole}/out/study.db").trials
+    there = whole(sampler)
     assert [(t.number, t.params, t.values) for t in here] == [
         (t.number, t.params, t.values) for t in there
     ]
@@ -683,4 +701,4 @@ def test_a_database_that_others_tidy_up_is_not_lost(tmp_path: Path) -> None:
         other.close()
         return solve(scene)
 
-    assert run(tmp_path, tidy).trials == 8
+    assert run(tmp_path, tidy, SHORT).trials == 6

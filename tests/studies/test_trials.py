@@ -20,7 +20,7 @@ from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial
-from magmpm.studies.explore.accuracy import Solve, climb
+from magmpm.studies.explore.accuracy import Beside, Solve, climb
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
@@ -264,6 +264,13 @@ def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
     assert ladder.order_reference == pytest.approx(2.0, abs=0.01)
 
 
+@pytest.fixture
+def nothing_beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The ladder alone: what is solved beside it says nothing of orders."""
+    monkeypatch.setattr(Beside, "other_models", lambda self: None)
+
+
+@pytest.mark.usefixtures("nothing_beside")
 @pytest.mark.parametrize(("order", "told"), [(2.0, 2.0), (4.0, 4.0), (7.6, None), (0.4, None)])
 @pytest.mark.parametrize("cells", [(2, 3, 4), (2, 3, 4, 6, 8)])
 def test_the_order_to_the_finest_is_that_of_the_errors(
@@ -298,6 +305,7 @@ def test_the_order_to_the_finest_is_that_of_the_errors(
         assert not re.search(r"7\.|0\.4", line)
 
 
+@pytest.mark.usefixtures("nothing_beside")
 def test_errors_that_rise_show_no_order(tmp_path: Path) -> None:
     write_study(tmp_path)
 
@@ -399,6 +407,7 @@ def test_one_size_alone_ends_with_3(
     assert not (tmp_path / "ladder/accuracy.png").exists(), "there is no error to be drawn"
 
 
+@pytest.mark.usefixtures("nothing_beside")
 def test_along_a_path_it_is_told_what_the_errors_are_of(tmp_path: Path) -> None:
     """Its end: `run`, asked for an error, judges the whole path, and may need finer cells."""
     write_study(tmp_path)
