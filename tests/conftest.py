@@ -35,13 +35,19 @@ settings.load_profile("repeatable")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """In every test the kernels come from the disk cache, as in the second run of a user (magmpm.solving.precompile explains why)."""
+    """In every test the kernels come from the disk cache, as in the second run of a user (magmpm.solving.precompile explains why).
+
+    They run on one thread, unless a test sets more: workers share few cores, and threads that wait for each other took half as much time again.
+    """
+    import numba
+
     from magmpm.scene import load_scene
     from magmpm.solving.precompile import prepare_kernels
 
     scenes = Path(__file__).parents[1] / "data/scenes"
     for path in ("hollow.yaml", "gallery/catheter_swing.yaml"):  # at rest and in motion
         prepare_kernels(load_scene(scenes / path))
+    numba.set_num_threads(1)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

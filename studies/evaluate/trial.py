@@ -9,7 +9,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -763,6 +763,7 @@ def attributes(
     }
 
 
+@cache
 def versions() -> Mapping[str, str]:
     """Find the versions of what chose the trials; the result names those of what solved them.
 
