@@ -37,7 +37,7 @@ settings.load_profile("repeatable")
 def pytest_sessionstart(session: pytest.Session) -> None:
     """In every test the kernels come from the disk cache, as in the second run of a user (magmpm.solving.precompile explains why).
 
-    They run on one thread, unless a test sets more: workers share few cores, and threads that wait for each other took half as much time again.
+    They run on one thread, unless a test sets more: workers share few cores, and threads that wait for each other took half as long again.
     """
     import numba
 

@@ -16,8 +16,9 @@ from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.records import read_design
+from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trajectory import ScheduleTrajectory
-from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.definition import Study, load_study
 from magmpm.studies.search.objectives import compromise, front, ranked, second, worst
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.verified_best import in_motion, in_time
@@ -182,17 +183,27 @@ def reachable_in(folder: Path, strength: float, trials: int) -> Path:
     return path
 
 
-def test_a_bound_as_second_objective_is_a_ladder_of_bounds(tmp_path: Path) -> None:
-    """The target is the rod's own shape in 6 mT, of 10 at most: the front reaches it about there, and every bound is kept.
+@pytest.fixture(scope="module")
+def ladder(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, StudyReport, Path]:
+    """A study of both objectives, its report and its folder; the target is the rod's own shape in 6 mT, of 10 at most."""
+    folder = tmp_path_factory.mktemp("ladder")
+    study = load_study(reachable_in(folder, 6e-3, 24))
+    report = run_study(study, solve=solve, differentiate=differentiate, out=folder / "out")
+    return study, report, folder / "out"
+
+
+def test_a_bound_as_second_objective_is_a_ladder_of_bounds(
+    ladder: tuple[Study, StudyReport, Path],
+) -> None:
+    """The front reaches the target at about 6 mT, and every bound is kept.
 
     6.5 mT: other directions may reach it with less, and the bounds that are tried are a sixteenth of 10 mT apart. 1 % of the length is
     as near as a front is asked to be.
     """
-    study = load_study(reachable_in(tmp_path, 6e-3, 24))
+    study, report, out = ladder
     assert study.sampler == "gauss-newton"
     assert "ladder of bounds" in (study.why_sampler or "")
-    report = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out")
-    trials = trials_of(tmp_path / "out")
+    trials = trials_of(out)
     bounds = [t.system_attrs["gauss_newton:plan"]["bound"] for t in trials]
     assert bounds[0] == 1.0
     assert len(set(bounds)) >= 5
@@ -206,14 +217,15 @@ def test_a_bound_as_second_objective_is_a_ladder_of_bounds(tmp_path: Path) -> No
     assert report.limits == []
 
 
-def test_a_front_resumes_as_the_same_study(tmp_path: Path) -> None:
-    study = load_study(reachable_in(tmp_path, 6e-3, 9))
-    run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "whole")
+def test_a_front_resumes_as_the_same_study(
+    tmp_path: Path, ladder: tuple[Study, StudyReport, Path]
+) -> None:
+    study = load_study(reachable_in(tmp_path, 6e-3, 24))
     for trials in (1, 4, 9):
         run_study(
             study, solve=solve, differentiate=differentiate, out=tmp_path / "parts", trials=trials
         )
-    whole = trials_of(tmp_path / "whole")
+    whole = trials_of(ladder[2])[:9]
     parts = trials_of(tmp_path / "parts")
     assert [(t.params, t.values) for t in whole] == [(t.params, t.values) for t in parts]
 

@@ -484,7 +484,11 @@ def test_gauss_newton_is_better_than_snapping(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("more", "field"),
-    [("}", ""), (", at_most: 2}", ""), (", at_most: 2}", "  field: {max: 20 mT}\n")],
+    [
+        ("}", ""),
+        pytest.param(", at_most: 2}", "", marks=pytest.mark.slow),
+        (", at_most: 2}", "  field: {max: 20 mT}\n"),
+    ],
 )
 def test_no_single_exchange_is_better_on_the_body(more: str, field: str, tmp_path: Path) -> None:
     """The body is softer than the rod by which starts are found, so its best exchange is not the body's. A field that varies goes on."""

@@ -20,7 +20,7 @@ from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial
-from magmpm.studies.explore.accuracy import Beside, Solve, climb
+from magmpm.studies.explore.accuracy import SHIFTS, Beside, Solve, climb
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
@@ -100,8 +100,8 @@ def test_a_failed_solve_costs_a_trial_and_not_the_study(
             raise error
         return solve(scene)
 
-    report = run(tmp_path, sometimes, STUDY.replace("random", "tpe"), picture=draw)
-    assert (report.trials, report.failed, report.ended) == (8, 4, "trials")
+    report = run(tmp_path, sometimes, STUDY.replace("random", "tpe"), picture=draw, trials=4)
+    assert (report.trials, report.failed, report.ended) == (4, 2, "trials")
     for trial in trials_of(tmp_path / "out")[::2]:
         assert trial.state == optuna.trial.TrialState.COMPLETE
         assert trial.value == PENALTY
@@ -146,8 +146,8 @@ def test_a_result_that_is_none_costs_the_penalty(broken: str, tmp_path: Path) ->
             result.centreline[-1, 2] = float(broken)
         return result
 
-    report = run(tmp_path, spoiled)
-    assert (report.failed, report.best) == (8, None)
+    report = run(tmp_path, spoiled, trials=3)
+    assert (report.failed, report.best) == (3, None)
     assert set(report.rms_m) == {PENALTY}
 
 
@@ -157,7 +157,7 @@ def test_a_picture_that_fails_is_a_note(tmp_path: Path) -> None:
             raise RuntimeError("the drawing process died")
         return draw(result, path, trial)
 
-    report = run(tmp_path, picture=broken)
+    report = run(tmp_path, picture=broken, trials=4)
     assert report.failed == 0
     for trial in trials_of(tmp_path / "out"):
         note = trial.user_attrs.get("picture_note")
@@ -356,7 +356,10 @@ def failing(*cells: int) -> Solve:
     return solve_or_fail
 
 
-def test_cells_that_find_no_answer_are_named_and_the_others_kept(tmp_path: Path) -> None:
+def test_cells_that_find_no_answer_are_named_and_the_others_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("magmpm.studies.explore.accuracy.SHIFTS", SHIFTS[:1])
     write_study(tmp_path)
     scene = load_scene(tmp_path / "scene.yaml")
     whole = climb(scene, off, (2, 5))

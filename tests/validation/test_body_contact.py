@@ -471,7 +471,7 @@ def test_the_smaller_of_two_materials_counts(tmp_path: Path) -> None:
     """The same bits as where self_contact names it; a part that names none has the other's."""
     meshes = {
         "slope": box((-2e-3, -2e-3, -2e-3), (6e-3, 4e-3, 0.0)),
-        "slider": box((0.0, 0.0, 0.03e-3), (2e-3, 2e-3, 2.03e-3)),
+        "slider": box((0.0, 0.0, 0.005e-3), (2e-3, 2e-3, 2.005e-3)),
     }
 
     def run(friction: float, **own: float) -> np.ndarray:
@@ -481,7 +481,7 @@ def test_the_smaller_of_two_materials_counts(tmp_path: Path) -> None:
             "ground": {"point": [0.0, 0.0, -0.1]},
             "self_contact": {"friction": friction},
         }
-        scene = parts_scene(tmp_path, meshes, effects, 1e-3, held=["slope"], duration=0.01)
+        scene = parts_scene(tmp_path, meshes, effects, 1e-3, held=["slope"], duration=0.006)
         data = scene.to_si()
         data["materials"]["slippery"] = dict(data["materials"]["m"])
         data["body"]["parts"]["meshes"][1]["material"] = "slippery"
