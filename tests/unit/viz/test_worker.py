@@ -66,32 +66,33 @@ def pyvista() -> Any:
         yield renderer
 
 
-def test_pyvista_draws_where_it_can_and_says_nothing(pyvista: Renderer, tmp_path: Path) -> None:
-    path = pyvista.render(BODY, tmp_path / "deep" / "trial.png", size=(400, 300))
+def test_pyvista_draws_where_it_can_and_says_nothing(solid: Renderer, tmp_path: Path) -> None:
+    path = solid.render(BODY, tmp_path / "deep" / "trial.png", size=(400, 300))
     assert size_of(path) == (400, 300)
-    assert pyvista.note == ""
+    assert solid.note == ""
     assert [p.name for p in path.parent.iterdir()] == ["trial.png"]
 
 
-def test_a_killed_process_is_started_again(pyvista: Renderer, tmp_path: Path) -> None:
-    first = process_of(pyvista)
-    before = pyvista.image(BODY)
+def test_a_killed_process_is_started_again(solid: Renderer) -> None:
+    first = process_of(solid)
+    before = solid.image(BODY)
     os.kill(first, signal.SIGKILL)
-    assert np.array_equal(pyvista.image(BODY), before)
-    assert process_of(pyvista) != first
-    assert pyvista.backend == "pyvista"
-    assert pyvista.note == ""
+    assert np.array_equal(solid.image(BODY), before)
+    assert process_of(solid) != first
+    assert solid.backend == "pyvista"
+    assert solid.note == ""
 
 
-def test_a_picture_pyvista_dies_on_is_drawn_by_matplotlib(pyvista: Renderer) -> None:
+def test_a_picture_pyvista_dies_on_is_drawn_by_matplotlib(
+    pyvista: Renderer, flat: Renderer
+) -> None:
     only_there = (
         "__import__('os')._exit(3) if 'magmpm.viz.vtk_renderer' in __import__('sys').modules else"
         " 'drawn after all'"
     )
     deadly = poisoned(eval, only_there)
     # With the title it has when it arrives in matplotlib's process.
-    with Renderer("matplotlib") as other:
-        expected = other.image(replace(BODY, title="drawn after all"))
+    expected = flat.image(replace(BODY, title="drawn after all"))
     assert np.array_equal(pyvista.image(deadly), expected)
     assert pyvista.backend == "pyvista", "one bad picture does not turn PyVista off"
     for _ in range(worker.MOST_FAILURES - 1):
@@ -100,12 +101,13 @@ def test_a_picture_pyvista_dies_on_is_drawn_by_matplotlib(pyvista: Renderer) -> 
     assert is_one_line(pyvista.note)
 
 
-def test_a_picture_nothing_can_draw_is_an_error_and_the_next_is_drawn(tmp_path: Path) -> None:
-    with Renderer("matplotlib") as renderer:
-        with pytest.raises(RenderError, match="twice"):
-            renderer.render(poisoned(os._exit, 3), tmp_path / "never.png")
-        assert not list(tmp_path.iterdir())
-        assert size_of(renderer.render(BODY, tmp_path / "next.png", size=(200, 150))) == (200, 150)
+def test_a_picture_nothing_can_draw_is_an_error_and_the_next_is_drawn(
+    flat: Renderer, tmp_path: Path
+) -> None:
+    with pytest.raises(RenderError, match="twice"):
+        flat.render(poisoned(os._exit, 3), tmp_path / "never.png")
+    assert not list(tmp_path.iterdir())
+    assert size_of(flat.render(BODY, tmp_path / "next.png", size=(200, 150))) == (200, 150)
 
 
 def test_a_hanging_process_is_ended_in_time() -> None:
@@ -119,42 +121,39 @@ def test_a_hanging_process_is_ended_in_time() -> None:
         assert process_of(renderer) != first
 
 
-def test_an_interrupted_request_does_not_answer_the_next_one() -> None:
-    with Renderer("matplotlib") as renderer:
-        process_of(renderer)
+def test_an_interrupted_request_does_not_answer_the_next_one(flat: Renderer) -> None:
+    process_of(flat)
 
-        def interrupt(*_: Any) -> None:
-            raise KeyboardInterrupt
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
 
-        usual = signal.signal(signal.SIGALRM, interrupt)
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.2)
-            with pytest.raises(KeyboardInterrupt):
-                renderer.run(time.sleep, 5.0)
-        finally:
-            signal.signal(signal.SIGALRM, usual)
-        assert renderer.run(abs, -3) == 3
-
-
-def test_ctrl_c_at_the_terminal_leaves_the_process_alone() -> None:
-    with Renderer("matplotlib") as renderer:
-        first = process_of(renderer)
-        os.kill(first, signal.SIGINT)
-        assert renderer.run(abs, -3) == 3
-        assert process_of(renderer) == first
+    usual = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.2)
+        with pytest.raises(KeyboardInterrupt):
+            flat.run(time.sleep, 5.0)
+    finally:
+        signal.signal(signal.SIGALRM, usual)
+    assert flat.run(abs, -3) == 3
 
 
-def test_errors_in_the_process_come_back_as_render_errors(tmp_path: Path) -> None:
-    with Renderer("matplotlib") as renderer:
-        with pytest.raises(RenderError, match="ValueError"):
-            renderer.run(int, "no number")
-        (tmp_path / "file").touch()
-        with pytest.raises(RenderError, match="cannot be made"):
-            renderer.render(BODY, tmp_path / "file" / "picture.png")
-        with pytest.raises(RenderError):
-            renderer.render(BODY, tmp_path)
-        with pytest.raises(RenderError, match="cannot be sent"):
-            renderer.run(lambda: 1)
+def test_ctrl_c_at_the_terminal_leaves_the_process_alone(flat: Renderer) -> None:
+    first = process_of(flat)
+    os.kill(first, signal.SIGINT)
+    assert flat.run(abs, -3) == 3
+    assert process_of(flat) == first
+
+
+def test_errors_in_the_process_come_back_as_render_errors(flat: Renderer, tmp_path: Path) -> None:
+    with pytest.raises(RenderError, match="ValueError"):
+        flat.run(int, "no number")
+    (tmp_path / "file").touch()
+    with pytest.raises(RenderError, match="cannot be made"):
+        flat.render(BODY, tmp_path / "file" / "picture.png")
+    with pytest.raises(RenderError):
+        flat.render(BODY, tmp_path)
+    with pytest.raises(RenderError, match="cannot be sent"):
+        flat.run(lambda: 1)
 
 
 def test_a_full_disk_is_told_with_the_file_and_the_remedy(tmp_path: Path) -> None:
@@ -218,13 +217,12 @@ def test_entering_does_not_wait_and_submitted_pictures_are_finished_on_leaving(
     assert all(size_of(tmp_path / f"{k}.png") == (80, 60) for k in range(3))
 
 
-def test_resting_ends_the_process_until_the_next_picture() -> None:
-    with Renderer("matplotlib") as renderer:
-        first = process_of(renderer)
-        renderer.rest()
-        with pytest.raises(ProcessLookupError):
-            os.kill(first, 0)
-        assert renderer.run(abs, -3) == 3
+def test_resting_ends_the_process_until_the_next_picture(flat: Renderer) -> None:
+    first = process_of(flat)
+    flat.rest()
+    with pytest.raises(ProcessLookupError):
+        os.kill(first, 0)
+    assert flat.run(abs, -3) == 3
 
 
 def modules_there(renderer: Renderer) -> set[str]:
@@ -257,18 +255,18 @@ def test_each_process_imports_only_what_it_needs() -> None:
         assert ("matplotlib" in there) == (renderer.backend == "matplotlib")
 
 
-def test_memory_does_not_grow_with_pictures(pyvista: Renderer, tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_pictures(solid: Renderer, tmp_path: Path) -> None:
     def memory() -> int:
-        return int(Path(f"/proc/{process_of(pyvista)}/statm").read_text().split()[1]) * os.sysconf(
+        return int(Path(f"/proc/{process_of(solid)}/statm").read_text().split()[1]) * os.sysconf(
             "SC_PAGESIZE"
         )
 
     if not Path("/proc/self/statm").exists():
         pytest.skip("reads memory from /proc")
     for _ in range(3):
-        pyvista.render(BODY, tmp_path / "trial.png", size=(320, 240))
+        solid.render(BODY, tmp_path / "trial.png", size=(320, 240))
     before = memory()
     for _ in range(40):
-        pyvista.render(BODY, tmp_path / "trial.png", size=(320, 240))
+        solid.render(BODY, tmp_path / "trial.png", size=(320, 240))
     # A leak of one particle cloud a picture would be 10 MB; measured over 200 trial pictures: 0.5 MB.
     assert memory() - before < 3e6
