@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 import h5py
 import numpy as np
+from h5py import h5d, h5l, h5o
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
@@ -104,7 +105,7 @@ class FrameFile:
             ):  # but not of the times: VTK's reader reads all of them into room for the counted ones
                 self._lengthen(identifier)
             for name in names:
-                dataset = h5py.h5d.open(identifier, _place(name).encode())
+                dataset = h5d.open(identifier, _place(name).encode())
                 dataset.write_direct_chunk((k * self.n, 0)[: arrays[name].ndim], arrays[name])
             _write_row(identifier, _FIELD, k, moment[1:])
             _write_row(identifier, _SUMS, k, np.array(sums, dtype=np.uint32))
@@ -207,7 +208,7 @@ def _row_of(group: Any, name: str, tail: tuple[int, ...], dtype: np.dtype[Any]) 
 
 
 def _write_row(identifier: Any, name: str, k: int, values: Any, *, grow: bool = False) -> None:
-    dataset = h5py.h5d.open(identifier, name.encode())
+    dataset = h5d.open(identifier, name.encode())
     row = np.atleast_1d(values)[None]
     if grow:
         dataset.set_extent((k + 1,))
@@ -339,15 +340,13 @@ def self_contained(path: Path, file: h5py.File) -> h5py.File:
     foreign: list[str] = []
 
     def look(name: bytes, link: Any) -> None:
-        if link.type == h5py.h5l.TYPE_EXTERNAL:
-            foreign.append(name.decode())
-        if link.type != h5py.h5l.TYPE_HARD:
-            return
-        item = h5py.h5o.open(file.id, name)
-        if isinstance(item, h5py.h5d.DatasetID):
+        away = link.type == h5l.TYPE_EXTERNAL
+        item = h5o.open(file.id, name) if link.type == h5l.TYPE_HARD else None
+        if isinstance(item, h5d.DatasetID):
             layout = item.get_create_plist()
-            if layout.get_external_count() > 0 or layout.get_layout() == h5py.h5d.VIRTUAL:
-                foreign.append(name.decode())
+            away = layout.get_external_count() > 0 or layout.get_layout() == h5d.VIRTUAL
+        if away:
+            foreign.append(name.decode())
 
     file.id.links.visit(look, info=True)  # without h5py's objects, at a fifth of their time
     if foreign:

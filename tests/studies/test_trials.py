@@ -20,7 +20,7 @@ from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial
-from magmpm.studies.explore.accuracy import SHIFTS, Beside, Solve, climb
+from magmpm.studies.explore.accuracy import Beside, Solve, climb
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
@@ -356,10 +356,7 @@ def failing(*cells: int) -> Solve:
     return solve_or_fail
 
 
-def test_cells_that_find_no_answer_are_named_and_the_others_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("magmpm.studies.explore.accuracy.SHIFTS", SHIFTS[:1])
+def test_cells_that_find_no_answer_are_named_and_the_others_kept(tmp_path: Path) -> None:
     write_study(tmp_path)
     scene = load_scene(tmp_path / "scene.yaml")
     whole = climb(scene, off, (2, 5))
