@@ -12,9 +12,9 @@ from typing import Any
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-# Where the environment forbids to keep bytecode, each worker and each process of a test would compile all sources anew.
+# Where the environment forbids to keep bytecode, each worker and each process of a test would compile all sources anew: what is imported
+# before the first test is kept. Tests write files of users anew within a second, and there the environment decides.
 sys.dont_write_bytecode = False
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Tests write scenes in temporary folders that name shipped files, and others; test_allowed_paths.py is of the rule itself.
 os.environ["MAGMPM_ALLOW_OUTSIDE"] = os.sep
@@ -58,6 +58,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish(session: pytest.Session) -> None:
     """What is loaded by now stays to the end. Garbage is not sought in it over and over: that took an eighth of a study's time."""
+    sys.dont_write_bytecode = bool(os.environ.get("PYTHONDONTWRITEBYTECODE"))
     gc.collect()
     gc.freeze()
     gc.set_threshold(10_000, 10, 10)
