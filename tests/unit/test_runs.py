@@ -110,6 +110,7 @@ def refused_before(kind: str, folder: Path) -> Scene:
             "acceleration": [0.0, 0.0, -3000.0]
         }  # the upper block falls onto the held one
         data["body"]["parts"]["meshes"][0]["clamp"] = True
+        data["body"]["parts"]["spacing"] = None
     elif kind == "free body":
         data["body"]["catheter"]["clamp"] = "none"
     elif kind == "endless field":
