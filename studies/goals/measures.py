@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import traceback
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -533,12 +533,11 @@ def function_of(text: str, folder: Path, at: str) -> Callable[[Any], Any]:
 
     if not file or not path.is_file():
         raise wrong(f"there is no file {path}" if file else "must name a file and a function")
-    spec = importlib.util.spec_from_file_location(f"magmpm_goal_{path.stem}", path)
-    if spec is None or spec.loader is None:
-        raise wrong(f"{path} is no Python file")
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(f"magmpm_goal_{path.stem}")
+    module.__file__ = str(path)
     try:
-        spec.loader.exec_module(module)
+        # from its text: kept bytecode may be that of an edit within the same second
+        exec(compile(path.read_bytes(), path, "exec"), vars(module))
     except Exception as error:
         raise wrong(f"{path} raises {type(error).__name__}: {error}") from error
     function = getattr(module, name, None)
