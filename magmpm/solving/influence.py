@@ -164,7 +164,7 @@ def motion_seconds(scene: Scene) -> float:
         float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
     )
     steps = acting.stable_steps(build(scene)).values()  # viscosity asks for shorter ones
-    return particles * scene.duration / min(expected_step(scene), *steps) / RATE
+    return particles * scene.duration / min([expected_step(scene), *steps]) / RATE
 
 
 def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:

@@ -329,14 +329,14 @@ def test_a_descent_that_hardly_moves_is_left(cost: float, promised: float, stuck
     chain = {
         k: SimpleNamespace(
             values=[1.0],
-            user_attrs={"residuals": [1.0 if k < 5 else cost**0.5]},
+            user_attrs={"residuals": [1.0 if k < 5 else cost**0.5], "jacobian": [[0.0]]},
             system_attrs={PLAN: {"from": k - 1 if k else None, "promised": promised}},
         )
         for k in range(6)
     }
     step = SimpleNamespace(promised=promised * cost)
     sampler = GaussNewtonSampler([BALL], 1)
-    args: Any = (chain[5], step, 1.0, chain, None, np.array([cost**0.5]), None, chain[5])
+    args: Any = (chain[5], step, 1.0, chain[5], chain)
     assert sampler._stuck(*args) is stuck
 
 

@@ -1,7 +1,7 @@
 """Sweeps: their rows, what is found again, and what failed."""
 
 import os
-import sys
+import py_compile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -106,16 +106,14 @@ def tip_height(result: Any) -> float:
     return float(result.tip[2])
 
 
-def test_a_function_is_that_of_its_file_now(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An edit within the same second leaves the file as long and as old as the bytecode that Python may have kept of it."""
-    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+def test_a_function_is_that_of_its_file_now(tmp_path: Path) -> None:
+    """An edit within the same second leaves the file as long and as old as the bytecode that Python has kept of it."""
     own = tmp_path / "own.py"
     for number in (1, 2):
         own.write_text(f"def reach(result):\n    return {number}.0\n")
         os.utime(own, (1e9, 1e9))
         assert function_of("own.py:reach", tmp_path, "measure")(None) == number
+        py_compile.compile(str(own))
 
 
 def test_what_another_function_measured_is_not_found_again(tmp_path: Path) -> None:
