@@ -389,8 +389,9 @@ def drawn() -> Path:
     from magmpm.viz.plots import accuracy as plot
 
     path = ROOT / ACCURACY_IMAGE
-    rungs = _ladder()["rungs"]
-    plot(rungs, path, title="five-segment catheter")
+    ladder = _ladder()
+    rungs = ladder["rungs"]
+    plot(rungs, path, title="five-segment catheter", order_finest=ladder["order_finest"])
     text = PngInfo()
     text.add_text(
         "errors", json.dumps({rung["cells_across"]: rung["error_finest"] for rung in rungs})
