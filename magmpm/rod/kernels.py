@@ -16,23 +16,7 @@ LARGEST_TURN = 0.6  # rad: largest turn of a frame in one Newton step
 
 
 class LoadedRod(NamedTuple):
-    """A rod of n elements with its loads; of many alike, with a first axis before those of the loads.
-
-    Attributes
-    ----------
-    length : array (n,), m
-        Of the elements.
-    twist_bend : array (n, 3), N m^2
-        Stiffness against twist and the two bendings.
-    compliance : array (n, 3), 1/N
-        Against stretch and the two shears.
-    moment : array (n, 3), A m
-        Magnetic moment per length, in the frame.
-    field : array (n + 1, 3), T
-        At each frame.
-    weight : array (n + 1, 3), N
-        Beyond each frame.
-    """
+    """Attributes of a rod.cosserat.RodModel as compiled functions take them; of many rods, those of the loads have a first axis."""
 
     length: Array
     twist_bend: Array
