@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, compiled_elsewhere
+from magmpm.compiled.jit import compiled, compiled_elsewhere, inner
+from magmpm.compiled.parallel import TOGETHER, over_parts, parts_of, task
 
 MOST_POINTS = 4_000_000  # 32 MB
 ON_EDGE = 3
@@ -176,14 +177,21 @@ def faces_of(corners: Array) -> Array:
     )
 
 
+@inner
+def _part_to_triangles(part, given):
+    """`to_triangles` of one part of the points."""
+    points, corners, found = given
+    away = np.empty(3)
+    for k in range(part * TOGETHER, min((part + 1) * TOGETHER, len(points))):
+        for triangle in corners:
+            found[k] = min(found[k], to_triangle(points[k], triangle.ravel(), away)[0])
+
+
 @compiled
 def to_triangles(points, corners):
     """Distance (n,) m of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
     found = np.full(len(points), np.inf)
-    away = np.empty(3)
-    for k in range(len(points)):
-        for triangle in corners:
-            found[k] = min(found[k], to_triangle(points[k], triangle.ravel(), away)[0])
+    over_parts(parts_of(len(points)), task(_part_to_triangles, (points, corners, found)))
     return found
 
 

@@ -25,7 +25,7 @@ from magmpm.kernels.equilibrium import (
     grid_to_particles,
 )
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.tangent_matrix import new_matrix
+from magmpm.statics.tangent_matrix import SparseOfEachAxis
 
 
 class TurningParticles:
@@ -36,7 +36,7 @@ class TurningParticles:
         self._shear = model.shear
         self._cells = cells
         self._particles = particles
-        self._matrix = new_matrix(model.scene, model.layout)
+        self._matrix = SparseOfEachAxis(model.layout)
         self._matrix.clear()
         gradient_products(
             cells, particles, model.particles.volume * model.shear, self._matrix.target(cells)

@@ -32,15 +32,15 @@ JOINED = 0.06
 
 
 class Fronts(NamedTuple):
-    """Fronts, in the order of their elimination, and the blocks (3, 3) of the matrix that they start from.
+    """Fronts, in the order of their elimination, and the blocks (size, size) of the matrix that they start from.
 
     Nodes are numbered as they are eliminated.
 
     first (fronts + 1,): each front's own nodes are first[s] to first[s + 1].
     row_first (fronts + 1,), rows: its rows are rows[row_first[s] : row_first[s + 1]], its own nodes first.
     into: the place of each of these rows among the rows of the front's parent; -1 for its own nodes.
-    at (fronts,): where its columns of the factors begin, (own unknowns, unknowns of the front).
-    passed (fronts,): where in the room of its depth begins what it passes on, (boundary, boundary).
+    at (fronts,): where its columns of the factors begin, (own unknowns, unknowns of the front), in blocks.
+    passed (fronts,): where in the room of its depth begins what it passes on, (boundary, boundary), in blocks.
     child_first (fronts + 1,), child: the fronts that pass on to it.
     level_first (levels + 1,), level: the fronts of one depth, the deepest first; depth (fronts,).
     block_first (nodes + 1,): first block of each node; block_place (blocks,): place of its later node in the front.
@@ -65,8 +65,8 @@ class Fronts(NamedTuple):
 class Elimination:
     """Plan to eliminate a pattern.
 
-    number (nodes,): of each given node as it is eliminated; values, room: lengths of the factors and of the room of one depth;
-    operations: multiplications and additions of one factorization.
+    number (nodes,): of each given node as it is eliminated; values, room: blocks of the factors and of the room of one depth;
+    operations: multiplications and additions of one factorization with blocks (3, 3).
     """
 
     number: Index
@@ -306,7 +306,7 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
     passed = np.zeros(len(own), np.int64)
     room = 0
     for begin, end in pairwise(level_first):
-        sizes = (3 * rest[level[begin:end]]) ** 2
+        sizes = rest[level[begin:end]] ** 2
         ends = np.cumsum(sizes)
         passed[level[begin:end]] = ends - sizes
         room = max(room, int(ends[-1]))
@@ -314,7 +314,7 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
     child_first = np.concatenate(
         [[0], np.cumsum(np.bincount(above[above >= 0], minlength=len(own)))]
     )
-    sizes = 9 * own * count
+    sizes = own * count
     row_first = np.concatenate([[0], np.cumsum(count)])
     block_first, later = _upper(coupled, number)
     rows = np.concatenate(structures)

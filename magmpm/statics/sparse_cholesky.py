@@ -3,6 +3,8 @@
 A front begins with the matrix's own blocks of its nodes, and with what the fronts below it pass on. Its own unknowns are eliminated
 by dpotrf, dtrsm and dsyrk. Fronts of one depth share nothing, and threads take them in turn; each is the work of one thread, in a fixed
 order, so that results do not depend on the number of threads.
+
+Blocks are (size, size): 3 for a tangent; 1 where each axis has the same matrix, which then takes a 27th of the operations.
 """
 
 import numpy as np
@@ -16,58 +18,67 @@ from magmpm.statics.elimination import Fronts
 @compiled
 def _add_own(front, fronts, blocks, values, n):
     """Add the matrix's blocks of a front's own nodes to its columns."""
+    size = blocks.shape[1]
     first = fronts.first[front]
+    begin = size * size * fronts.at[front]
     for node in range(first, fronts.first[front + 1]):
         for block in range(fronts.block_first[node], fronts.block_first[node + 1]):
-            row = 3 * fronts.block_place[block]
-            for r in range(3):
-                column = fronts.at[front] + (3 * (node - first) + r) * n + row
-                for c in range(3):
+            row = size * fronts.block_place[block]
+            for r in range(size):
+                column = begin + (size * (node - first) + r) * n + row
+                for c in range(size):
                     values[column + c] += blocks[block, r, c]
 
 
 @compiled
-def _add_passed(child, front, fronts, values, below, room, n, own):
+def _add_passed(child, front, fronts, values, below, room, size):
     """Add what a child passes on: `below` is the room of its depth, `room` that of the front's depth."""
     begin = fronts.row_first[child] + fronts.first[child + 1] - fronts.first[child]
     end = fronts.row_first[child + 1]
-    size = 3 * (end - begin)
+    n = size * (fronts.row_first[front + 1] - fronts.row_first[front])
+    own = size * (fronts.first[front + 1] - fronts.first[front])
     rest = n - own
+    mine = size * size * fronts.at[front]
+    passed = size * size * fronts.passed[front]
+    source = size * size * fronts.passed[child]
+    length = size * (end - begin)
     for q in range(begin, end):
-        column = 3 * fronts.into[q]
-        for k in range(3):
-            source = fronts.passed[child] + (3 * (q - begin) + k) * size
+        column = size * fronts.into[q]
+        for k in range(size):
             if column < own:
-                target = fronts.at[front] + (column + k) * n
+                target = mine + (column + k) * n
                 shift = 0
             else:
-                target = fronts.passed[front] + (column + k - own) * rest
+                target = passed + (column + k - own) * rest
                 shift = own
             for r in range(q, end):
-                there = target + 3 * fronts.into[r] - shift
-                here = source + 3 * (r - begin)
+                there = target + size * fronts.into[r] - shift
+                here = source + (size * (q - begin) + k) * length + size * (r - begin)
                 if shift == 0:
-                    for i in range(3):
+                    for i in range(size):
                         values[there + i] += below[here + i]
                 else:
-                    for i in range(3):
+                    for i in range(size):
                         room[there + i] += below[here + i]
 
 
 @compiled
 def _eliminate(front, fronts, blocks, values, rooms, fortran):
     """Fill a front, and eliminate its own unknowns. Returns LAPACK's info: 0 if they were positive definite."""
-    n = 3 * (fronts.row_first[front + 1] - fronts.row_first[front])
-    own = 3 * (fronts.first[front + 1] - fronts.first[front])
+    size = blocks.shape[1]
+    n = size * (fronts.row_first[front + 1] - fronts.row_first[front])
+    own = size * (fronts.first[front + 1] - fronts.first[front])
     rest = n - own
     depth = fronts.depth[front]
     room = rooms[depth % 2]
     below = rooms[(depth + 1) % 2]
-    values[fronts.at[front] : fronts.at[front] + n * own] = 0.0
-    room[fronts.passed[front] : fronts.passed[front] + rest * rest] = 0.0
+    at = size * size * fronts.at[front]
+    passes = size * size * fronts.passed[front]
+    values[at : at + n * own] = 0.0
+    room[passes : passes + rest * rest] = 0.0
     _add_own(front, fronts, blocks, values, n)
     for k in range(fronts.child_first[front], fronts.child_first[front + 1]):
-        _add_passed(fronts.child[k], front, fronts, values, below, room, n, own)
+        _add_passed(fronts.child[k], front, fronts, values, below, room, size)
     potrf = fortran[0]
     trsm = fortran[1]
     syrk = fortran[2]
@@ -84,13 +95,13 @@ def _eliminate(front, fronts, blocks, values, rooms, fortran):
     plain = letters[3:].ctypes.data
     plus = signs[0:].ctypes.data
     minus = signs[1:].ctypes.data
-    top = values[fronts.at[front] :].ctypes.data
+    top = values[at:].ctypes.data
     call(potrf, (lower, columns, top, ld, info))
     if sizes[3] != 0 or rest == 0:
         return sizes[3]
     under = top + 8 * own
     call(trsm, (right, lower, trans, plain, rows, columns, plus, top, ld, under, ld))
-    passed = room[fronts.passed[front] :].ctypes.data
+    passed = room[passes:].ctypes.data
     call(syrk, (lower, plain, rows, columns, minus, under, ld, plus, passed, rows))
     return 0
 
@@ -112,20 +123,21 @@ def _factor(fronts, blocks, values, rooms, fortran):
 
 @compiled
 def _substitute(front, fronts, values, x, work, back, fortran):
-    """One step of the substitution: x (columns, 3 nodes) in place."""
+    """One step of the substitution: x (columns, size nodes) in place."""
     trsm = fortran[1]
     gemm = fortran[3]
     trsv = fortran[4]
     gemv = fortran[5]
     begin = fronts.row_first[front]
     end = fronts.row_first[front + 1]
-    n = 3 * (end - begin)
-    own = 3 * (fronts.first[front + 1] - fronts.first[front])
+    size = x.shape[1] // fronts.first[-1]
+    n = size * (end - begin)
+    own = size * (fronts.first[front + 1] - fronts.first[front])
     columns = x.shape[0]
     for column in range(columns):
         for q in range(begin, end):
-            for i in range(3):
-                work[column * n + 3 * (q - begin) + i] = x[column, 3 * fronts.rows[q] + i]
+            for i in range(size):
+                work[column * n + size * (q - begin) + i] = x[column, size * fronts.rows[q] + i]
     sizes = np.array([n, own, n - own, columns, 1], np.int32)
     letters = np.array([76, 84, 78], np.uint8)  # L T N
     signs = np.array([1.0, -1.0])
@@ -140,7 +152,7 @@ def _substitute(front, fronts, values, x, work, back, fortran):
     plus = signs[0:].ctypes.data
     minus = signs[1:].ctypes.data
     way = trans if back else plain
-    top = values[fronts.at[front] :].ctypes.data
+    top = values[size * size * fronts.at[front] :].ctypes.data
     upper = work.ctypes.data
     under = top + 8 * own
     lower = upper + 8 * own
@@ -168,20 +180,20 @@ def _substitute(front, fronts, values, x, work, back, fortran):
             call(trsv, (left, way, plain, mine, top, ld, upper, inc))
         else:
             call(trsm, (left, left, way, plain, mine, count, plus, top, ld, upper, ld))
-    last = begin + own // 3 if back else end  # on the way back the boundary is known
+    last = begin + own // size if back else end  # on the way back the boundary is known
     for column in range(columns):
         for q in range(begin, last):
-            for i in range(3):
-                x[column, 3 * fronts.rows[q] + i] = work[column * n + 3 * (q - begin) + i]
+            for i in range(size):
+                x[column, size * fronts.rows[q] + i] = work[column * n + size * (q - begin) + i]
 
 
 @compiled
 def _solve(fronts, values, x, fortran):
-    """x (columns, 3 nodes), right-hand sides, in place -> solutions."""
+    """x (columns, size nodes), right-hand sides, in place -> solutions."""
     most = 0
     for front in range(len(fronts.depth)):
         most = max(most, fronts.row_first[front + 1] - fronts.row_first[front])
-    work = np.empty(3 * most * x.shape[0])
+    work = np.empty(x.shape[1] // fronts.first[-1] * most * x.shape[0])
     count = len(fronts.depth)
     for front in range(count):
         _substitute(front, fronts, values, x, work, False, fortran)
@@ -190,7 +202,7 @@ def _solve(fronts, values, x, fortran):
 
 
 def factor(fronts: Fronts, blocks: Array, values: Array, rooms: Array) -> int:
-    """Write the Cholesky factors of blocks (blocks, 3, 3) to values; rooms (2, room): work space.
+    """Write the Cholesky factors of blocks (blocks, size, size) to values; rooms (2, room): work space.
 
     Returns -1, or the first node (in the order of elimination) of a front that proved not positive definite.
     """
@@ -198,7 +210,7 @@ def factor(fronts: Fronts, blocks: Array, values: Array, rooms: Array) -> int:
 
 
 def solve_columns(fronts: Fronts, values: Array, right: Array) -> Array:
-    """Solutions (k, 3 nodes) for right-hand sides (k, 3 nodes) in the order of elimination."""
+    """Solutions (k, size nodes) for right-hand sides (k, size nodes) in the order of elimination."""
     x = np.array(right, float, order="C")
     if len(x):
         _solve(fronts, values, x, addresses())

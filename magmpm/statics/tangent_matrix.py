@@ -108,7 +108,9 @@ class Bands:
 
 
 class Sparse:
-    """A sparse matrix, in blocks (blocks, 3, 3) of the layout's elimination, and its factors."""
+    """A sparse matrix, in blocks (blocks, 3, 3) of the layout's elimination, and its factors, of blocks (size, size)."""
+
+    size = 3
 
     def __init__(self, layout: UnknownsLayout) -> None:
         self._layout = layout
@@ -120,8 +122,8 @@ class Sparse:
     def _planned(self, order: Elimination) -> None:
         self._order = order
         self.blocks = np.zeros((int(order.fronts.block_first[-1]), 3, 3))
-        self._values = empty((order.values,))
-        self._rooms = empty((2, max(order.room, 1)))
+        self._values = empty((self.size**2 * order.values,))
+        self._rooms = empty((2, self.size**2 * max(order.room, 1)))
         self._surface: tuple[StaticCells, Blocks] | None = None  # that touches, and its blocks
 
     def coupled(self, nodes: Index) -> NDArray[np.int32]:
@@ -138,7 +140,7 @@ class Sparse:
         if len(both) > len(self._coupled):
             self._coupled = both
             order = self._layout.eliminated([self._coupled])
-            for name in ("_own", "_unknowns"):
+            for name in ("_own", "_nodes", "_unknowns"):
                 self.__dict__.pop(name, None)
             self._cell_blocks = self._layout.cell_blocks_in(order)
             self._bond_stiffness = self._layout.bond_stiffness_in(order)
@@ -151,11 +153,16 @@ class Sparse:
         return self._order.fronts.block_first[:-1]
 
     @cached_property
-    def _unknowns(self) -> NDArray[np.int64]:
-        """Place (3 nodes,) of each unknown, in the order of elimination, among all (planes m)."""
+    def _nodes(self) -> NDArray[np.int64]:
+        """Number (nodes,) of each node, in the order of elimination, among all (planes nodes_per_plane)."""
         node = np.empty(len(self._order.number), np.int64)
         node[self._order.number] = self._layout.free_nodes
-        return (3 * node[:, None] + np.arange(3)).ravel()
+        return node
+
+    @cached_property
+    def _unknowns(self) -> NDArray[np.int64]:
+        """Place (3 nodes,) of each unknown, in the order of elimination, among all (planes m)."""
+        return (3 * self._nodes[:, None] + np.arange(3)).ravel()
 
     def clear(self) -> None:
         self.blocks[:] = 0.0
@@ -209,6 +216,25 @@ class Sparse:
         return np.ascontiguousarray(out.reshape(count, planes, m).transpose(1, 0, 2))
 
 
+class SparseOfEachAxis(Sparse):
+    """A sparse matrix that is the same for each axis and couples none of them: its factors are those of one."""
+
+    size = 1
+
+    def factor(self) -> bool:
+        one = np.ascontiguousarray(self.blocks[:, :1, :1])
+        return sparse_cholesky.factor(self._order.fronts, one, self._values, self._rooms) < 0
+
+    def solve(self, right: Array) -> Array:
+        """Solution (planes, m) for a right-hand side (planes, m)."""
+        ordered = right.reshape(-1, 3)[self._nodes].T
+        out = np.zeros((right.size // 3, 3))
+        out[self._nodes] = sparse_cholesky.solve_columns(
+            self._order.fronts, self._values, ordered
+        ).T
+        return out.reshape(right.shape)
+
+
 def new_matrix(scene: Scene, layout: UnknownsLayout) -> Bands | Sparse:
     """A matrix of a layout's unknowns. Raises SceneError if it takes too much memory."""
     needed = _bytes(scene, layout)
@@ -239,4 +265,4 @@ def _bytes(scene: Scene, layout: UnknownsLayout) -> float:
     if _has_bands(scene, layout):
         return block_cholesky.panel_bytes(layout.planes, layout.m)
     order = layout.elimination
-    return 8.0 * (order.values + 2 * order.room + 9 * int(order.fronts.block_first[-1]))
+    return 72.0 * (order.values + 2 * order.room + int(order.fronts.block_first[-1]))

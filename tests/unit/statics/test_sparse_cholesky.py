@@ -16,36 +16,40 @@ APART = np.concatenate([CHAIN[:5], CHAIN[:5] + 7])  # two bodies that share noth
 PATTERNS = {"chain": CHAIN, "star": STAR, "ring": RING, "apart": APART, "one": np.array([[0, -1]])}
 
 
-def drawn(elements: np.ndarray, seed: int) -> tuple[Elimination, np.ndarray, np.ndarray]:
+def drawn(
+    elements: np.ndarray, seed: int, size: int = 3
+) -> tuple[Elimination, np.ndarray, np.ndarray]:
     """How to eliminate a pattern, blocks of a positive definite matrix of it, and the matrix, dense, in the order of elimination."""
     count = int(elements.max()) + 1
     order = elimination([elements], count)
     rng = np.random.default_rng(seed)
-    blocks = np.zeros((int(order.fronts.block_first[-1]), 3, 3))
-    dense = np.zeros((count, 3, count, 3))
+    blocks = np.zeros((int(order.fronts.block_first[-1]), size, size))
+    dense = np.zeros((count, size, count, size))
     for element, block in zip(elements, order.blocks_of(elements), strict=True):
         nodes = element[element >= 0]
-        root = rng.standard_normal((3 * len(nodes), 3 * len(nodes)))
-        matrix = (root @ root.T + np.eye(len(root))).reshape(len(nodes), 3, len(nodes), 3)
+        root = rng.standard_normal((size * len(nodes), size * len(nodes)))
+        matrix = (root @ root.T + np.eye(len(root))).reshape(len(nodes), size, len(nodes), size)
         number = order.number[nodes]
         dense[number[:, None], :, number[None, :], :] += matrix.transpose(0, 2, 1, 3)
         for a in range(len(nodes)):
             for b in range(len(nodes)):
                 if block[a, b] >= 0:
                     blocks[block[a, b]] += matrix[a, :, b]
-    return order, blocks, dense.reshape(3 * count, 3 * count)
+    return order, blocks, dense.reshape(size * count, size * count)
 
 
 def factored(order: Elimination, blocks: np.ndarray) -> tuple[int, np.ndarray]:
+    size = blocks.shape[1]
     # whatever was there
-    values = np.full(order.values, np.nan)
-    rooms = np.full((2, max(order.room, 1)), np.nan)
+    values = np.full(size**2 * order.values, np.nan)
+    rooms = np.full((2, size**2 * max(order.room, 1)), np.nan)
     return sparse_cholesky.factor(order.fronts, blocks, values, rooms), values
 
 
+@pytest.mark.parametrize("size", [1, 3])
 @pytest.mark.parametrize("name", PATTERNS)
-def test_it_solves_what_dense_algebra_solves(name: str) -> None:
-    order, blocks, dense = drawn(PATTERNS[name], 1)
+def test_it_solves_what_dense_algebra_solves(name: str, size: int) -> None:
+    order, blocks, dense = drawn(PATTERNS[name], 1, size)
     failed, values = factored(order, blocks)
     assert failed == -1
     right = np.random.default_rng(2).standard_normal((4, len(dense)))
