@@ -20,6 +20,8 @@ COMPILED_IMPORT = re.compile(r"^from magmpm\.compiled(?:\.(\w+))? import", re.MU
 NUMBA_IMPORT = re.compile(r"^(?:import|from) numba", re.MULTILINE)
 FROM_IMPORT = re.compile(r"^from (magmpm[\w.]*) import (\([^)]*\)|[^\n]+)", re.MULTILINE)
 ASSIGNMENT = re.compile(r"^\w+(?:: [^=\n]+)? = (.*(?:\n[ )\]}].*)*)", re.MULTILINE)
+COMMENT = re.compile("#.*")
+WORD = re.compile(r"\w+")
 LAYERS = (
     "default",
     "safe",
@@ -62,11 +64,11 @@ def _compiles(text: str) -> bool:
 
 def _behind_constants(text: str, package: Path) -> set[Path]:
     """Files from which a file's text imports a constant, or a name that stands in an assignment of its module."""
-    assigned = "\n".join(ASSIGNMENT.findall(text))
+    assigned = set(WORD.findall("\n".join(ASSIGNMENT.findall(text))))
     found = set()
     for module, listed in FROM_IMPORT.findall(text):
-        names = re.findall(r"\w+", re.sub("#.*", "", listed))
-        if any(name.isupper() or re.search(rf"\b{name}\b", assigned) for name in names):
+        names = WORD.findall(COMMENT.sub("", listed))
+        if any(name.isupper() or name in assigned for name in names):
             path = package.parent / module.replace(".", "/")
             found |= {path.with_suffix(".py"), path / "__init__.py"}
             found |= {path / f"{name}.py" for name in names}

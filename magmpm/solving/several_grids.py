@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.constants import mu_0
 
 from magmpm.effects.acting import instant_modulus
+from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import (
     InputError,
     MagmpmError,
@@ -409,7 +409,7 @@ def overloaded(scene: Scene) -> list[str]:
     found = []
     for name in sorted(moving) if scene.static else ():
         material = scene.materials[name]
-        load = max(field * material.remanence / mu_0, pull * (material.density or 0.0))
+        load = max(field * material.remanence / MU0, pull * (material.density or 0.0))
         if load > material.shear_modulus * (LARGE_STRETCH - LARGE_STRETCH**-2):
             found.append(
                 f"materials.{name}: the loads ({quantity(load, 'Pa', 2)}) stretch a shear modulus"

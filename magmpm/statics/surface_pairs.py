@@ -5,9 +5,9 @@ In motion (dynamics.body_contact) and at rest (statics.own_contact) the pairs, t
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
 
 from magmpm.bodies.contact_solid import solid_distance
 from magmpm.bodies.grid import each_node
@@ -17,6 +17,9 @@ from magmpm.effects.base import Contact
 from magmpm.effects.contact_law import own_friction
 from magmpm.kernels.body_contact import SolidCells
 from magmpm.model import Model
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 # cells that any point may be away from its place when pairs were listed: they may then be twice as
 # much nearer
@@ -68,6 +71,8 @@ class SurfacePairs:
 
     def near(self, x: Array) -> tuple[Index, Index, Array]:
         """Free points (n,) near another solid, or a place of their own that shares no node; the nearest point (n,), its distance (n,) m."""
+        from scipy.spatial import cKDTree  # 0.2 s to import, and few bodies touch themselves
+
         first, order, cell = self._patches
         center, radius = self._balls(x)
         pairs = cKDTree(center).query_pairs(
@@ -194,6 +199,8 @@ def _solid_cells(model: Model, still: bool) -> tuple[SolidCells, Index, Index]:
 
 def spline_matrix(first: Index, weights: Array, nodes: tuple[int, int, int]) -> csr_matrix:
     """The splines (points, nodes) of points; arguments as of bodies.grid.each_node."""
+    from scipy.sparse import csr_matrix  # 0.1 s to import, and few bodies touch themselves
+
     columns, values = zip(*each_node(first, nodes, weights), strict=True)
     rows = np.tile(np.arange(len(first)), 27)
     return csr_matrix(
