@@ -22,10 +22,6 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Index
 from magmpm.compiled.jit import compiled, kernel, prange
 
-ORDERINGS = (
-    "MMD_AT_PLUS_A",
-    "COLAMD",
-)  # of SuperLU: minimum degree of the pattern; of its square
 # zeros in a front joined with the one above it, over its entries, for which fewer and larger fronts
 # are still quicker: of 0.03 to 0.3, for a slender prism, a gripper and a helix in four orders each
 JOINED = 0.06
@@ -95,7 +91,10 @@ class Elimination:
 
 
 def elimination(elements: Sequence[Index], count: int) -> Elimination:
-    """Plan to eliminate `count` nodes that are coupled in elements: tables (elements, k) whose rows have node numbers, or -1 for none."""
+    """Plan to eliminate `count` nodes that are coupled in elements: tables (elements, k) whose rows have node numbers, or -1 for none.
+
+    Where nodes are numbered plane by plane across a slender body, the order may be that of the planes.
+    """
     coupled = _coupled(elements, count)
     number, first, structures = _with_order(*_best_order(coupled))
     return _laid_out(coupled, number, first, structures)
@@ -155,17 +154,21 @@ def _orders(coupled: Any) -> list[Index]:
     count = coupled.shape[0]
     # It needs no pivoting, so that the order is the pattern's.
     dominant = (identity(count) * (2.0 * count) - coupled).tocsc()
-    # Nothing is filled in: only the order is wanted.
-    none = {"drop_tol": 1.0, "fill_factor": 1, "diag_pivot_thresh": 0.0}
-    options = {"SymmetricMode": True}
-    orders = [
-        np.argsort(spilu(dominant, permc_spec=name, options=options, **none).perm_c)
-        for name in ORDERINGS
-    ]
-    # Bands are eliminated from both ends at once: what comes from each meets in the middle.
+    # Nothing is filled in: only the order is wanted, of minimum degree.
+    minimum_degree = spilu(
+        dominant,
+        permc_spec="MMD_AT_PLUS_A",
+        options={"SymmetricMode": True},
+        drop_tol=1.0,
+        fill_factor=1,
+        diag_pivot_thresh=0.0,
+    ).perm_c
+    # Planes across the longest side of the grid, or bands, are eliminated from both ends at once: what comes from each meets in the middle.
+    planes = np.arange(count)
     bands = np.asarray(reverse_cuthill_mckee(coupled, symmetric_mode=True), np.int64)
     half = count // 2
-    return [*orders, np.concatenate([bands[:half], bands[half:][::-1]])]
+    from_both_ends = [np.concatenate([each[:half], each[half:][::-1]]) for each in (planes, bands)]
+    return [np.argsort(minimum_degree), *from_both_ends]
 
 
 def _structures_in(coupled: Any, order: Index) -> tuple[Index, Index, Index]:
