@@ -26,14 +26,6 @@ _OVERSAMPLING = 4
 
 # In units of half their panel's height.
 AXIS_LENGTH = 0.62
-LABEL_GAP = 0.17
-FIELD_LENGTH = 1.7
-# letters that fit next to the caption, and next to a mark, on a page of 4:3
-LONGEST_TITLE = 46
-LONGEST_MARKED = 28
-# of a legend
-LEGEND_ROWS = 3
-MOST_ROWS = 4
 
 
 @dataclass(frozen=True)
@@ -66,7 +58,7 @@ def field_arrow(snapshot: Snapshot) -> np.ndarray | None:
     strength = strongest = float(np.linalg.norm(snapshot.field))
     if snapshot.history is not None:
         strongest = float(np.linalg.norm(snapshot.history.values, axis=1).max())
-    return FIELD_LENGTH * snapshot.field / strongest if strength > 0.08 * strongest > 0 else None
+    return 1.7 * snapshot.field / strongest if strength > 0.08 * strongest > 0 else None
 
 
 def field_text(snapshot: Snapshot) -> str:
@@ -150,7 +142,8 @@ def signs(
 
 def legend(snapshot: Snapshot, seen: Sequence[tuple[View, float]] = ()) -> list[Sign]:
     """The legend of a page. It stays the same while things move: contact is in it if there is any at some time."""
-    return signs([snapshot], seen, touching=snapshot.touches)[: 2 * MOST_ROWS]
+    most_rows = 4  # of two signs
+    return signs([snapshot], seen, touching=snapshot.touches)[: 2 * most_rows]
 
 
 def bar_width(view: View, panel: Panel, aspect: float, unit: float) -> float:
@@ -163,8 +156,8 @@ def written(image: np.ndarray, snapshot: Snapshot, views: Views, layout: Layout)
     """The image (h, w, 3) uint8 with all text and lines of the page; a new array."""
     page = Page(image)
     alarming = bool(snapshot.mark or snapshot.event)
-    most = LONGEST_MARKED if alarming else LONGEST_TITLE
-    most = round(most * page.aspect / (4 / 3))
+    letters = 28 if alarming else 46  # that fit next to a mark, or the caption, on a page of 4:3
+    most = round(letters * page.aspect / (4 / 3))
     title = snapshot.title if len(snapshot.title) <= most else snapshot.title[: most - 1] + "…"
     page.text(title, 0.02, layout.title_y, style.TEXT_LARGE)
     color = style.ALARM if alarming else style.INK
@@ -212,9 +205,10 @@ def written(image: np.ndarray, snapshot: Snapshot, views: Views, layout: Layout)
     place = layout.legend
     if place is not None:
         found = legend(snapshot, list(zip(views.mains, aspects)))
-        rows = max(LEGEND_ROWS, -(-len(found) // 2))
+        legend_rows = 3  # more are set closer
+        rows = max(legend_rows, -(-len(found) // 2))
         step, top = (
-            (place.row, place.top) if rows == LEGEND_ROWS else (0.75 * place.row, place.top + 0.01)
+            (place.row, place.top) if rows == legend_rows else (0.75 * place.row, place.top + 0.01)
         )
         for i, sign in enumerate(found):
             text = (
@@ -247,7 +241,7 @@ class Page:
             seen = float(np.linalg.norm(flat))
             # An arrow pointing at the viewer has no direction on the page: its label goes below it.
             away = flat / seen if seen > 0.1 else np.array([0.0, -1.0])
-            ((x, y),) = panel.place((flat + LABEL_GAP * away)[None], panel.aspect(self.aspect))
+            ((x, y),) = panel.place((flat + 0.17 * away)[None], panel.aspect(self.aspect))
             self.text(
                 words, float(x), float(y), style.TEXT_SMALL, anchor="mm", color=style.FAINT_INK
             )

@@ -20,12 +20,8 @@ from magmpm.viz.picture_file import save_image
 from magmpm.viz.snapshot import Snapshot, seconds
 from magmpm.viz.worker import Renderer
 
-# Moments wider than this many times their height are stacked; panels are no narrower than this.
-_STACKED = 2.8
-_TALLEST = 0.6
-# frames and particles looked at for the moment that tells most
+# frames looked at for the moment that tells most
 _LOOKS = 200
-_PARTICLES = 2000
 
 
 def moments(motion: MotionRenderer) -> list[int]:
@@ -34,7 +30,7 @@ def moments(motion: MotionRenderer) -> list[int]:
     Unlike: by the root mean square of what particles have moved. What closes and opens again is shown closed; what goes one way, halfway.
     """
     looks = chosen(len(motion), _LOOKS)
-    some = chosen(len(motion.body.reference), _PARTICLES)
+    some = chosen(len(motion.body.reference), 2000)
     places = (motion.motion.position(int(k))[some].astype(float) for k in looks)
     first, last = (motion.motion.position(int(k))[some].astype(float) for k in looks[[0, -1]])
     distances = [min(float(np.mean((now - end) ** 2)) for end in (first, last)) for now in places]
@@ -57,7 +53,9 @@ def figure(
     Raises RenderError.
     """
     numbers = moments(motion) if numbers is None else list(numbers)
-    across = len(numbers) if motion.framing_of(numbers).aspect < _STACKED else 1
+    across = (
+        len(numbers) if motion.framing_of(numbers).aspect < 2.8 else 1
+    )  # wider moments are stacked
     if across == 1:  # a page's width, as the others are three panels wide
         width = 2 * width // 3
     return save_image(
@@ -108,7 +106,7 @@ def composed(
     framing = framing or Framing.of_all([motion.framing_of([k]) for motion, k in shown])
     gap = round(0.008 * width)
     wide = (width - (across + 1) * gap) // across
-    tall = round(wide / float(np.clip(framing.aspect, _TALLEST, 4.0)))
+    tall = round(wide / float(np.clip(framing.aspect, 0.6, 4.0)))
     snapshots = [motion.snapshot(int(k)) for motion, k in shown]
     layout = bare((wide, tall))
     letter = round((0.0165 if across > 1 else 0.022) * width)  # pixels

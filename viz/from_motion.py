@@ -21,8 +21,6 @@ DONE = {
     "limit point": "snapped",
     "bifurcation": "buckled",
 }  # what a body did where a branch of equilibria ended
-# in place of obstacles.REACH for a few moments, where a source is shown before it has come near
-REACH_OF_MOMENTS = 3.5
 
 
 def scene_of(data: Mapping[str, Any] | None) -> Scene | None:
@@ -116,11 +114,13 @@ class MotionRenderer:
 
     def framing_of(self, numbers: Sequence[int]) -> Framing:
         """Framing of some frames: with the sources that come near where they are then, unless that is very far."""
+        # in place of obstacles.REACH for a few moments, where a source is shown before it has come near
+        reach_of_moments = 3.5
         ends = [self._sources(float(time)) for time in np.unique(self.motion.times[[0, -1]])]
         near = [any(source.framed for source in same) for same in zip(*ends)]
         seen = [self.framing.points]
         for time in self.motion.times[np.asarray(numbers, dtype=int)]:
-            there = self._sources(float(time), REACH_OF_MOMENTS)
+            there = self._sources(float(time), reach_of_moments)
             seen += [
                 _near(source, self._around, 0.0)
                 for source, comes in zip(there, near)

@@ -17,9 +17,7 @@ from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.meshes import TriangleSurface, swept
 from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
-# longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
-LONGEST_FIELD_OF_DEPTH = 0.15
-GUIDE = 3.0
+GUIDE = 3.0  # length of the guide that is shown, in diameters
 AXIS_POINTS_DRAWN = 80  # points of an axis as it is drawn
 
 
@@ -134,7 +132,7 @@ class InsertionPictures:
         """An arrow of each depth's field behind its guide, as long as it is strong, with depth and strength in words below it."""
         fields = np.array([frame["field_T"] for frame in frames], dtype=float)
         strength = np.linalg.norm(fields, axis=1)
-        longest = LONGEST_FIELD_OF_DEPTH * float(self.path[-1, 0])
+        longest = 0.15 * float(self.path[-1, 0])
         vectors = longest * fields / max(float(strength.max()), 1e-300)
         places = np.array(shifts) - [GUIDE * self.catheter["diameter"] + 0.7 * longest, 0.0, 0.0]
         words = [

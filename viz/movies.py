@@ -22,17 +22,12 @@ if TYPE_CHECKING:
 
 NO_FFMPEG = f"imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: {install('render')}."
 
-# A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
-_LASTS = 6.0
-_SLOWEST = 8.0
-_FASTEST = 25.0
 MOST_FRAMES_SHOWN = 500
 _HOLD = 1.0  # s that the last moment stands
 
-# Seconds that a best shape stands still, that the last one stands, and that one fades into the next.
+# Seconds that a best shape stands still, and that the last one stands.
 _SHAPE = 0.7
 _LAST_SHAPE = 2.0
-_FADE = 0.25
 
 # Players read a movie that doesn't say its colors as they please, large ones other than small ones. These are the colors of the pictures.
 _COLORS = (
@@ -57,7 +52,8 @@ def chosen(frames: int, most: int) -> np.ndarray:
 
 def rate(frames: int) -> float:
     """Frames a second at which a movie of so many frames is shown."""
-    return float(np.clip(round(frames / _LASTS), _SLOWEST, _FASTEST))
+    seconds = 6.0  # that a movie lasts, about; longer motions are shown with fewer frames
+    return float(np.clip(round(frames / seconds), 8.0, 25.0))
 
 
 def pace(times: np.ndarray, fps: float) -> float | None:
@@ -165,8 +161,9 @@ def best_shapes_movie(
 
 def _faded(stills: list[np.ndarray], fps: int) -> Iterator[np.ndarray]:
     """Every frame of a movie of shapes, (h, w, 3) uint8."""
+    fade = 0.25  # s, from one shape to the next
     before: np.ndarray | None = None
-    steps = max(round(_FADE * fps), 1)
+    steps = max(round(fade * fps), 1)
     for number, still in enumerate(stills):
         if before is not None:
             for k in range(1, steps):

@@ -9,11 +9,10 @@ import numpy as np
 
 from magmpm.results.whole_file import whole_file
 
-_PIXELS_PER_INCH = 200
-
 
 def save_image(image: np.ndarray, path: str | Path, **png: Any) -> Path:
     """Write a picture (h, w, 3) uint8 as its path's ending says, without loss; its folder is made. png: Pillow's options."""
+    pixels_per_inch = 200
     path = Path(path)
     if path.suffix in (".svg", ".pdf"):
         from matplotlib.figure import Figure  # 0.3 s and 30 MB: PNG does without
@@ -21,7 +20,7 @@ def save_image(image: np.ndarray, path: str | Path, **png: Any) -> Path:
         from magmpm.viz.plots import saved
 
         height, width = image.shape[:2]
-        figure = Figure(figsize=(width / _PIXELS_PER_INCH, height / _PIXELS_PER_INCH))
+        figure = Figure(figsize=(width / pixels_per_inch, height / pixels_per_inch))
         page = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         page.set_axis_off()
         page.imshow(

@@ -18,11 +18,6 @@ from magmpm.viz.meshes import TriangleSurface, circle, lofted, ring_sections
 from magmpm.viz.obstacles import standing
 from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
-POINTS_AROUND_SECTION = 32  # points around a round section
-AXIS_POINTS = 80  # points of an axis as it is drawn
-GAP_BETWEEN_BODIES = 0.2  # between two bodies, of the length
-LONGEST_FIELD_OF_POSE = 0.15  # the longest arrow of a time's field, of the length
-
 
 def poses_snapshot(
     name: str,
@@ -79,18 +74,20 @@ def poses_snapshot(
 
 def _shifts(poses: Sequence[Mapping[str, Any]], length: float, width: float) -> list[np.ndarray]:
     """Shifts (3,) m along y that bring the poses of a body of this width (m) next to each other, the first one at y = 0 or below."""
+    gap_between_bodies = 0.2  # between two bodies, of the length
     shifts = []
     free = 0.0
     for pose in poses:
         across = np.concatenate([np.array(pose["axis_m"])[:, 1], np.array(pose["target_m"])[:, 1]])
         shifts.append(np.array([0.0, free - across.max(), 0.0]))
-        free += across.min() - across.max() - width - GAP_BETWEEN_BODIES * length
+        free += across.min() - across.max() - width - gap_between_bodies * length
     return shifts
 
 
 def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
     """The section of a straight body along an axis (n, 3) m; its parts are the body's segments."""
-    at = np.linspace(0.0, 1.0, AXIS_POINTS)
+    axis_points = 80  # points of an axis as it is drawn
+    at = np.linspace(0.0, 1.0, axis_points)
     share = np.linspace(0.0, 1.0, len(axis))
     line = np.stack([np.interp(at, share, column) for column in axis.T], axis=1)
     faces, flat = _section(scene)
@@ -104,7 +101,7 @@ def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
         piece = side.triangles.min(axis=1) // len(face)
         pieces.append(
             TriangleSurface(
-                side.points, side.triangles, of_piece[np.minimum(piece, AXIS_POINTS - 2)]
+                side.points, side.triangles, of_piece[np.minimum(piece, axis_points - 2)]
             )
         )
     outline = np.vstack([face[:1] for face in faces]) if flat else faces[0]
@@ -125,9 +122,10 @@ def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
 
 def _section(scene: Scene) -> tuple[list[np.ndarray], bool]:
     """The faces of a section, each points (n, 3) m with x = 0, counter-clockwise as seen from the tip; whether they are flat."""
+    points_around_section = 32  # points around a round section
     strip = scene.body.strip
     if strip is None:
-        return [circle(scene.thickness / 2, POINTS_AROUND_SECTION)], False
+        return [circle(scene.thickness / 2, points_around_section)], False
     corners = np.array([[0.0, y, z] for y, z in ((1, 1), (-1, 1), (-1, -1), (1, -1))]) * [
         0.0,
         strip.width / 2,
@@ -160,9 +158,10 @@ def _fields(
     poses: Sequence[Mapping[str, Any]], shifts: Sequence[np.ndarray], length: float
 ) -> tuple[np.ndarray, tuple[tuple[str, np.ndarray], ...]]:
     """An arrow of each time's field behind the base, as long as it is strong, and below it time and strength in words."""
+    longest_field_of_pose = 0.15  # the longest arrow of a time's field, of the length
     fields = np.array([pose["field_T"] for pose in poses], dtype=float)
     strength = np.linalg.norm(fields, axis=1)
-    longest = LONGEST_FIELD_OF_POSE * length
+    longest = longest_field_of_pose * length
     vectors = longest * fields / max(float(strength.max()), 1e-300)
     places = np.array(shifts) - [0.2 * length + longest, 0.0, 0.0]
     words = [

@@ -64,20 +64,12 @@ else:
     ]
 
 MAX_PARTS = 1000
-MOST_NAMES_LISTED = 8  # names that a message lists
 UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
 MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
 LEAST_CELLS = 2  # through the thinnest part
-HELD_EDGE = 0.25  # of a cell: longest edge of triangles whose points tell where a face is held
-LONGEST_LEFT_OUT_EDGE = (
-    16  # times that: longest edge of those that are left out where no held part is near
-)
 INSIDE = (
     np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6
 )  # three points in a triangle, exact for quadratic functions
-# of the body's length: with two cells through such a part the body would have 200 a side; units
-# differ by ten and more
-SPECK = 0.01
 
 
 class MeshPart(Settings):
@@ -241,14 +233,15 @@ class Parts(BodyShape):
 
     @model_validator(mode="after")
     def _tip_is_a_place_that_moves(self) -> Parts:
+        most_names_listed = 8  # names that a message lists
         if isinstance(self.tip, str):
             names = self.part_names()
             moving = [name for name, part in zip(names, self.meshes, strict=True) if not part.clamp]
             if self.tip not in moving:
                 held = self.tip in names
                 near = difflib.get_close_matches(self.tip, moving, n=1)
-                listed = ", ".join(moving[:MOST_NAMES_LISTED]) + (
-                    ", ..." if len(moving) > MOST_NAMES_LISTED else ""
+                listed = ", ".join(moving[:most_names_listed]) + (
+                    ", ..." if len(moving) > most_names_listed else ""
                 )
                 raise fault(
                     "the tip must be"
@@ -433,8 +426,13 @@ class Parts(BodyShape):
 
     def held_surface(self, grid: Grid) -> SurfacePoints:
         """Points on the faces of parts that can move where they lie on parts that are held, or across a gap from them."""
+        held_edge = (
+            0.25  # of a cell: longest edge of triangles whose points tell where a face is held
+        )
+        # times that: longest edge of those that are left out where no held part is near
+        longest_left_out_edge = 16
         reach = self._reach_to_held(float(grid.spacing.min()))
-        longest = HELD_EDGE * float(grid.spacing.min())
+        longest = held_edge * float(grid.spacing.min())
         triangles = self.triangles()
         still = [mesh for part, mesh in zip(self.meshes, triangles, strict=True) if part.clamp]
         held = np.ascontiguousarray(np.concatenate(still))
@@ -445,7 +443,7 @@ class Parts(BodyShape):
             if part.clamp:
                 continue
             within = reach[k]
-            coarse = cut(mesh[meets(mesh, held, within)], LONGEST_LEFT_OUT_EDGE * longest)
+            coarse = cut(mesh[meets(mesh, held, within)], longest_left_out_edge * longest)
             pieces = cut(_pieces_near(coarse, held, within), longest)
             places = np.ascontiguousarray((INSIDE @ pieces).reshape(-1, 3))
             on = to_triangles(places, held) <= within
@@ -512,9 +510,12 @@ class Parts(BodyShape):
 
     def _specks(self) -> list[str]:
         """Warnings of free parts that are so small beside the body that their files may be in another unit."""
+        # of the body's length: with two cells through such a part the body would have 200 a side; units
+        # differ by ten and more
+        speck = 0.01
         found = []
         for i, region in enumerate(self.regions()):
-            if not region.held and self.part_length(i) < SPECK * self.length:
+            if not region.held and self.part_length(i) < speck * self.length:
                 found.append(
                     f"body.parts: {region.name} is {length(self.part_length(i))} long, all parts"
                     f" together {length(self.length)}: are all files in {self.unit}?"

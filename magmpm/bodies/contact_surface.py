@@ -14,12 +14,6 @@ from magmpm.bodies.grid import Grid, each_node, spread
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 
-LONGEST_EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
-# of the fullest cell: from 1e-5 to 1e-3 contact gained energy, up to 19 % of a collision at 2 m/s
-SLIVER = 0.01
-# products of the bound on the frequency of contact: further ones thicken the layer by at most 6 %
-ROUNDS = 6
-
 
 @dataclass(frozen=True)
 class SurfacePoints:
@@ -52,13 +46,14 @@ def layer_mass(
 
     Springs m_s w^2 at points s on nodes of mass m_i have omega^2 <= w^2 max over s of (A x)_s / x_s for any x > 0, with
     (A x)_s = sum_i N_i(s) (sum_t m_t N_i(t) x_t) / m_i (Collatz and Wielandt: Horn and Johnson, Matrix Analysis, 8.1.26). x = 1 is the
-    largest row sum, which edges and corners raise by as much as 1.75; ROUNDS products come within 6 % of the true frequency. So the layer
+    largest row sum, which edges and corners raise by as much as 1.75; six products come within 6 % of the true frequency. So the layer
     is a quarter to half a cell thick. area (n,) m^2; first, weights: as in ContactSurface; mass: of all nodes, kg.
     """
+    products = 6  # further ones thicken the layer by at most 6 %
     share = np.abs(weights)
     x = np.ones(len(area))
     most = 0.0
-    for _ in range(ROUNDS if len(area) else 0):
+    for _ in range(products if len(area) else 0):
         covered = spread(area * x, first, nodes, share)
         ratio = np.divide(covered, mass, out=np.zeros_like(mass), where=mass > 0)
         sums = np.zeros(len(area))
@@ -159,7 +154,8 @@ def mesh_surface(triangles: Array, longest: float) -> tuple[Array, Array]:
 
 def parts_surface(parts: list[Array], cell: float) -> SurfacePoints:
     """Points on the surfaces of parts (each (f, 3, 3) m), in cells of this width (m)."""
-    found = [mesh_surface(triangles, LONGEST_EDGE * cell) for triangles in parts]
+    longest_edge = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
+    found = [mesh_surface(triangles, longest_edge * cell) for triangles in parts]
     region = np.repeat(np.arange(len(found)), [len(area) for _, area in found])
     return _joined(found, region)
 
@@ -175,16 +171,18 @@ def _joined(
 
 
 def well_filled(particles: Particles, region: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Select particles (n,) in cells that hold more than SLIVER of the fullest cell of their region (n,).
+    """Select particles (n,) in cells that are no slivers beside the fullest cell of their region (n,).
 
     The outer nodes of a sliver are so light that they tell nothing: just beyond its face they move by more than the body does.
     The splines of the next cell go on through it (extended B-splines: Hoellig, Reif, Wipper, SIAM J. Numer. Anal. 39 (2001) 442).
     """
+    # of the fullest cell: from 1e-5 to 1e-3 contact gained energy, up to 19 % of a collision at 2 m/s
+    sliver = 0.01
     _, cell = np.unique(np.column_stack([region, particles.cell]), axis=0, return_inverse=True)
     filled = np.bincount(cell.ravel(), particles.volume)[cell.ravel()]
     fullest = np.zeros(region.max() + 1)
     np.maximum.at(fullest, region, filled)
-    return np.asarray(filled > SLIVER * fullest[region])
+    return np.asarray(filled > sliver * fullest[region])
 
 
 def particle_of(

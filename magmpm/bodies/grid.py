@@ -332,13 +332,9 @@ class ClampPlane:
     moved: bool = False
 
 
-# cells: in motion, a joint nearer to the next one, or to an end, gets no knot: thin cells would
-# need short steps
-LEAST_JOINT_DISTANCE = 0.5
-LEAST_JOINT_DISTANCE_AT_REST = (
-    0.02  # cells: the same at rest, and the least width of the cell that takes what is left
-)
-LEAST_CELLS_ALONG = 3  # cells along a body
+# cells: a joint nearer to the next one, or to an end, gets no knot at rest; also the least width of
+# the cell that takes what is left
+LEAST_JOINT_DISTANCE_AT_REST = 0.02
 
 
 @dataclass(frozen=True)
@@ -362,6 +358,9 @@ def runs_along(
 ) -> tuple[int, float, tuple[Run, ...]]:
     """Cells of about h m along a body whose segments end at `ends` (k,) m, `across` of which make its thickness: their number, the least
     width (m), and their runs (none if all are equal)."""
+    least_cells_along = 3  # cells along a body
+    # cells: the same in motion, where thin cells would need short steps
+    least_joint_distance = 0.5
     like = knots.like
     length = float(ends[-1])
     if like is None:
@@ -370,7 +369,7 @@ def runs_along(
             (
                 LEAST_JOINT_DISTANCE_AT_REST
                 if knots.from_tip or knots.at_rest
-                else LEAST_JOINT_DISTANCE
+                else least_joint_distance
             )
             * h,
             knots.joints,
@@ -378,10 +377,10 @@ def runs_along(
     else:
         joints = [run.after for run in like.runs if run.after is not None]
     from_tip = knots.from_tip and (
-        length >= (LEAST_CELLS_ALONG - 0.5) * h if like is None else bool(like.runs)
+        length >= (least_cells_along - 0.5) * h if like is None else bool(like.runs)
     )
     if not joints and not from_tip:
-        along = max(LEAST_CELLS_ALONG, round(length / h)) if like is None else like.cells[0]
+        along = max(least_cells_along, round(length / h)) if like is None else like.cells[0]
         return along, length / along, ()
     faces = [0.0, *ends[joints].tolist(), length]
     widths = np.diff(faces)

@@ -125,8 +125,6 @@ def _split(triangles: Array, axis: int, plane: Array) -> Array:
 
 
 ON_PLANE = 1e-9  # of a cell
-MOST_CELLS = 20_000_000  # of the box around all parts
-NODES_SEEN = 5  # nodes along an axis that the particles of a cell and its neighbors see
 # of the body's length: parts this near touch, and faces of held and free ones lie in one plane
 TOUCHING_DISTANCE = 1e-4
 
@@ -138,6 +136,7 @@ def grid_of_parts(
 
     Knots lie on the faces of the box around the free parts; held ones take more cells. Raises SceneError where it has too many cells.
     """
+    most_cells = 20_000_000  # of the box around all parts
     boxes = np.array([[p.reshape(-1, 3).min(0), p.reshape(-1, 3).max(0)] for p in parts])
     still = np.array(held)
     moving = boxes[~still] if not still.all() else boxes
@@ -148,7 +147,7 @@ def grid_of_parts(
     below = np.maximum(np.ceil((low - boxes[:, 0].min(0)) / size - ON_PLANE), 0).astype(int)
     above = np.maximum(np.ceil((boxes[:, 1].max(0) - high) / size - ON_PLANE), 0).astype(int)
     count = below + cells + above
-    if np.prod(count.astype(float)) > MOST_CELLS:
+    if np.prod(count.astype(float)) > most_cells:
         extent = " x ".join(f"{1e3 * x:.4g}" for x in boxes[:, 1].max(0) - boxes[:, 0].min(0))
         raise SceneError(
             "body.parts",
@@ -156,7 +155,7 @@ def grid_of_parts(
                 f"the box around all parts, {extent} mm, has {np.prod(count.astype(float)):.3g}"
                 f" cells of {1e3 * spacing:.3g} mm"
             ),
-            rule=f"at most {MOST_CELLS:.0e} cells are allowed",
+            rule=f"at most {most_cells:.0e} cells are allowed",
             remedy="check the units and positions of the parts, or increase spacing",
         )
     grid = Grid(low - below * size, size, (int(count[0]), int(count[1]), int(count[2])))
@@ -362,9 +361,10 @@ def point_weights(grid: Grid, particles: Particles, mine: NDArray[np.bool_], poi
 
 
 def _on_nodes(grid: Grid, points: Array, cell: NDArray[np.int64], home: NDArray[np.int64]) -> Array:
-    """Values (m, NODES_SEEN^3) of the splines around a cell at points (m, 3) m in cells (m, 3) that are next to it or are it."""
+    """Values (m, 5^3) of the splines around a cell at points (m, 3) m in cells (m, 3) that are next to it or are it."""
+    nodes_seen = 5  # nodes along an axis that the particles of a cell and its neighbors see
     values = grid.splines(points, cell)[0]
-    along = np.zeros((len(points), 3, NODES_SEEN))
+    along = np.zeros((len(points), 3, nodes_seen))
     rows = np.arange(len(points))
     for axis in range(3):
         for k in range(3):

@@ -14,10 +14,6 @@ from numpy.typing import NDArray
 from magmpm.bodies.grid import EVEN, Grid, Knots, runs_along
 from magmpm.compiled.arrays import Array
 
-WIDEST_CELL = (
-    2.0  # a strip's cells may be this much longer across its width than through its thickness
-)
-
 
 @dataclass(frozen=True)
 class Particles:
@@ -250,9 +246,11 @@ def strip_grid(
     """Grid of a strip: knots on all its faces and joints. base (3,) m: center of the base face; size (3,) m: length, width, thickness;
     ends (k,) m: where each segment ends, from the base.
 
-    Cells are cubes within rounding of the length, but up to WIDEST_CELL times as long along a width that is many cells: what bends
+    Cells are cubes within rounding of the length, but up to twice as long along a width that is many cells: what bends
     varies fast along the length and the thickness, not across. one_wide: a single cell across the width (plane strain).
     """
+    # a strip's cells may be this much longer across its width than through its thickness
+    widest_cell = 2.0
     h = size[2] / cells_across
     along, width, runs = runs_along(ends, h, cells_across, knots)
     wide = (
@@ -261,7 +259,7 @@ def strip_grid(
         else max(
             round(size[1] / h)
             if size[1] < 2 * size[2]
-            else int(np.ceil(size[1] / (WIDEST_CELL * h))),
+            else int(np.ceil(size[1] / (widest_cell * h))),
             2,
         )
     )

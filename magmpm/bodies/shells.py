@@ -24,7 +24,6 @@ TOLERANCE = 1e-3  # of the smaller of two shells: touching faces of a drawing ne
 SAME_VERTEX = (
     1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
 )
-MOST_SHELLS_NAMED = 3  # shells of each kind that a message names
 
 Index = NDArray[Any]
 
@@ -299,5 +298,5 @@ def _named(k: int, volume: Array) -> str:
 
 
 def _list(names: list[str]) -> str:
-    more = len(names) - MOST_SHELLS_NAMED
-    return ", ".join(names[:MOST_SHELLS_NAMED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - 3
+    return ", ".join(names[:3]) + (f" and {more} more" if more > 0 else "")

@@ -41,20 +41,7 @@ if TYPE_CHECKING:
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
-# of a file: text STL takes 200 to 300 a triangle; with fewer bytes the number of triangles is
-# checked
-MOST_BYTES = 200_000_000
-# in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares
-# overflow
-LARGEST_NUMBER = 1e8
-# m: coordinates, as of all places in a scene, and the longest side of a mesh
-FARTHEST_COORDINATE = 10.0
-SMALLEST = 1e-6
-RAYS = 400  # points from which the thickness is measured
-LINES = 100  # through the mesh, along which its surface is tried for crossing itself
-CROSSED = (
-    0.01  # of the mesh's size: more than what the touching pieces of a drawing cross each other by
-)
+SMALLEST = 1e-6  # m: the longest side of a mesh
 _VERTEX = re.compile(
     rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE
 )  # of text STL, in small letters or capitals
@@ -79,12 +66,18 @@ class Mesh:
 
 def read_stl(path: Path) -> Mesh:
     """The mesh of an STL file, text or binary, checked. Raises MeshError."""
+    # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares
+    # overflow
+    largest_number = 1e8
+    # of a file: text STL takes 200 to 300 a triangle; with fewer bytes the number of triangles is
+    # checked
+    most_bytes = 200_000_000
     try:
-        content = read_regular(path, MOST_BYTES)
+        content = read_regular(path, most_bytes)
     except UnfitFile as error:
         raise MeshError(
             f"{error.strerror}; a mesh must be a regular file of at most"
-            f" {MOST_BYTES // 1_000_000} MB",
+            f" {most_bytes // 1_000_000} MB",
             "export the part as STL",
         ) from None
     except OSError as error:
@@ -103,9 +96,9 @@ def read_stl(path: Path) -> Mesh:
     if not np.all(np.isfinite(corners)):
         raise MeshError("every coordinate must be a finite number", "export the part again")
     largest = float(np.abs(corners).max())
-    if largest > LARGEST_NUMBER:
+    if largest > largest_number:
         raise MeshError(
-            f"coordinates must be at most {LARGEST_NUMBER:.0e} in the file's unit, and this mesh"
+            f"coordinates must be at most {largest_number:.0e} in the file's unit, and this mesh"
             f" has one of {largest:.3g}",
             "the file is damaged, or not in a unit of length: export the part again",
         )
@@ -177,6 +170,8 @@ def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
 
 def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
     """The mesh, if it encloses a volume once with its normals outward. Raises MeshError with what is wrong and how to mend it."""
+    # of the mesh's size: more than what the touching pieces of a drawing cross each other by
+    crossed = 0.01
     if (found := doubled(vertices, faces)) is not None:
         raise MeshError(*found)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -228,7 +223,7 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
     if (found := shell_fault(vertices, faces, size)) is not None:
         raise MeshError(*found)
     twice = _covered_twice(solid_of(vertices, faces), mesh)
-    if twice > CROSSED * float(np.ptp(vertices, axis=0).max()):
+    if twice > crossed * float(np.ptp(vertices, axis=0).max()):
         raise MeshError(
             f"the surface of a mesh must not cross itself: along a line of {twice:.3g} inside "
             "this one, material counts twice or negatively",
@@ -240,12 +235,13 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
 
 def size_fault(mesh: Mesh, unit: str, scale: float) -> tuple[str, str] | None:
     """Rule and remedy where a mesh in this unit (of `scale` m) is too far away, or too small; else None."""
+    farthest_coordinate = 10.0  # m, as of all places in a scene
     far = scale * float(np.abs(mesh.vertices).max())
     size = scale * float(np.ptp(mesh.vertices, axis=0).max())
     remedy = f"check the unit ({unit}), and the place of the mesh"
-    if far > FARTHEST_COORDINATE * (1 + 1e-9):
+    if far > farthest_coordinate * (1 + 1e-9):
         return (
-            f"coordinates must be at most {FARTHEST_COORDINATE:g} m, and this mesh reaches"
+            f"coordinates must be at most {farthest_coordinate:g} m, and this mesh reaches"
             f" to {far:.3g} m",
             remedy,
         )
@@ -347,9 +343,10 @@ def _inward(mesh: Mesh, count: int) -> tuple[Array, Array]:
 
 def _covered_twice(solid: Manifold, mesh: Mesh) -> float:
     """Largest length of a line through the surface that is inside it more than once, or less than not at all."""
+    lines = 100  # through the mesh, along which its surface is tried for crossing itself
     size = float(np.ptp(mesh.vertices, axis=0).max())
     most = 0.0
-    for start, along in zip(*_inward(mesh, LINES), strict=True):
+    for start, along in zip(*_inward(mesh, lines), strict=True):
         hits = solid.ray_cast(start - 2 * size * along, start + 2 * size * along)
         inside = -np.cumsum([np.sign(np.dot(hit.normal, along)) for hit in hits])[:-1]
         far = 4 * size * np.diff([hit.distance for hit in hits])
@@ -360,11 +357,12 @@ def _covered_twice(solid: Manifold, mesh: Mesh) -> float:
 @lru_cache(maxsize=256)
 def thickness_of(text: str) -> float:
     """Thickness of a stored mesh in its unit: along the normal inward, a tenth of its surface has the opposite one this near."""
+    rays = 400  # points from which the thickness is measured
     mesh = unpack_mesh(text)
     size = float(np.ptp(mesh.vertices, axis=0).max())
     solid = _stored_solid(text)
     found = []
-    for begin, inward in zip(*_inward(mesh, RAYS), strict=True):
+    for begin, inward in zip(*_inward(mesh, rays), strict=True):
         far = [2 * size * hit.distance for hit in solid.ray_cast(begin, begin + 2 * size * inward)]
         found += [x for x in far if x >= 1e-6 * size][
             :1

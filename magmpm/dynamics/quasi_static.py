@@ -26,9 +26,6 @@ from magmpm.statics.branch import EquilibriumPath, Jump, Reached, point_of
 from magmpm.statics.contact import Held, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 
-MOST_TRIES = (
-    50  # solves of an equilibrium with friction, which settles by a factor of two or more each
-)
 Progress = Callable[[float, int], None]
 
 
@@ -148,14 +145,16 @@ def _go_on(state: PathState, time: float) -> list[Jump]:
 
 def _advance(branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: float) -> list[Jump]:
     """`EquilibriumPath.advance`, and again at its end until friction holds the body as strongly as this presses it. Raises SolveError."""
+    # solves of an equilibrium with friction, which settles by a factor of two or more each
+    most_tries = 50
     loads.let_slide(branch.now.point)
     jumps = branch.advance(time)
-    for _ in range(MOST_TRIES):
+    for _ in range(most_tries):
         if not loads.hold(time, branch.now.point):
             return jumps
         branch.settle()
     raise SolveError(
-        f"friction did not converge in {MOST_TRIES} solves: the body is about to slip; remedy: "
+        f"friction did not converge in {most_tries} solves: the body is about to slip; remedy: "
         "take shorter steps"
     )
 

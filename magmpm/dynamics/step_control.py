@@ -26,7 +26,7 @@ again as the
 A body whose parts attract each other meets itself again and again, and what a step adds to the energy where springs of contact begin
 within it, or where the body vibrates near the limit of stability, adds up. There the sum of all energies is known, so it is looked at after
 every chunk of steps. If it has moved by more than DRIFT of the largest kinetic energy from what it was, the chunk is taken back, and steps
-are halved, up to MOST_HALVINGS times. They grow again where CALM chunks changed it by little.
+are halved, up to four times. They grow again where eight chunks changed it by little.
 
 A step given in the scene never changes. Where it is too long, the motion ends with a message.
 """
@@ -49,16 +49,11 @@ from magmpm.materials import pressure_wave_speed
 from magmpm.model import Model
 from magmpm.scene.options import Dynamic
 
-TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
 MOST_CHANGE_OF_STIFFNESS = (
     0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
 )
 # of the largest kinetic energy: how far the sum of all energies may move; a motion promises 1 %
 DRIFT = 7.5e-3
-MOST_HALVINGS = 4  # halvings for it: the error falls as the square of the step
-# chunks in a row, each within a thirty-second of DRIFT: the next longer step has four times their
-# error
-CALM = 8
 RESERVE = 0.95  # of the bound: a step above it asks for a new bound
 
 
@@ -147,6 +142,7 @@ def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
 
 def body_step(motion: TotalMotion) -> float:
     """2 / omega of the fastest oscillation of the body about its present shape, s."""
+    tight = 1e-3  # relative tolerance of the body's largest eigenvalue
     inverse = motion.packed.nodes.inverse_mass.reshape(-1, 3)
     mass = motion.packed.mass
     free = np.flatnonzero(inverse.ravel() > 0)
@@ -181,11 +177,11 @@ def body_step(motion: TotalMotion) -> float:
         k=1,
         which="LA",
         v0=begin,
-        tol=TIGHT,
+        tol=tight,
         ncv=min(len(free), 24),
         return_eigenvectors=False,
     )[0]
-    return float(2.0 / np.sqrt(largest * (1.0 + TIGHT)))
+    return float(2.0 / np.sqrt(largest * (1.0 + tight)))
 
 
 def _of_schedule(model: Model) -> float | None:
@@ -226,20 +222,22 @@ class Drift:
 
     def passes(self, total: float, kinetic: float) -> bool:
         """Tell whether the sum may be this after a chunk. If not, nothing is noted but that steps are to be halved."""
+        most_halvings = 4  # the error falls as the square of the step
         largest = max(self.kinetic, kinetic)
         growth = total - min(self.least, total)
         loss = max(self.most, total) - total
         moved = growth if self.loses else max(growth, loss)
         if (
             moved > max(DRIFT * largest, self.moved) + DRIFT / 64 * largest
-            and self.finer < MOST_HALVINGS
+            and self.finer < most_halvings
         ):
             self.finer += 1
             self.calm = 0
             return False
         little = abs(total - self.last) < DRIFT / 32 * largest
         self.calm = self.calm + 1 if little else 0
-        if self.calm >= CALM and self.finer:
+        calm = 8  # chunks in a row: the next longer step has four times their error
+        if self.calm >= calm and self.finer:
             self.finer -= 1
             self.calm = 0
         self.least, self.most = min(self.least, total), max(self.most, total)

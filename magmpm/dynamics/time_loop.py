@@ -26,7 +26,6 @@ from magmpm.scene import Scene, time_limit
 from magmpm.scene.memory import BYTES_PER_PARTICLE
 from magmpm.scene.options import Dynamic
 
-STEPS_BETWEEN_CHECKS = 256  # steps between two checks of the motion
 Progress = Callable[[float, int], None]
 
 
@@ -261,6 +260,7 @@ def interval(
 
     Raises SolveError where the motion can't go on.
     """
+    steps_between_checks = 256  # steps between two checks of the motion
     model = state.motion.model
     motion = state.motion
     control = state.control
@@ -273,7 +273,7 @@ def interval(
         dt = (until - start) / count
         while done < count:
             first = done
-            steps = min(STEPS_BETWEEN_CHECKS, count - first)
+            steps = min(steps_between_checks, count - first)
             times = start + dt * np.arange(first, first + steps, dtype=float)
             named = acting.collect(model.scene, times=times)
             named += motion.ends.records(times, dt)

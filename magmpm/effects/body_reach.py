@@ -16,7 +16,6 @@ from magmpm.effects.base import SceneLike
 # of tens of mT
 STRETCHED = 1.5
 FARTHEST_MOVE = 10.0  # sizes of the undeformed body: how far a particle may move from its start
-POINTS_ON_WAY_OF_BASE = 33  # points on the way of the base
 
 
 @dataclass(frozen=True)
@@ -34,13 +33,14 @@ class BodyReach:
 
 def body_reach(scene: SceneLike) -> BodyReach:
     """The region that a scene's body can reach."""
+    points_on_way_of_base = 33  # points on the way of the base
     lower, upper = (np.array(corner) for corner in scene.box())
     size = float(np.linalg.norm(upper - lower))
     feed = scene.effects.feed
     line = scene.body.shape.line
     if line is not None and (feed is not None or scene.body.shape.clamp != "none"):
         pushed = 0.0 if feed is None else feed.speed * scene.duration
-        way = np.linspace(0.0, pushed, POINTS_ON_WAY_OF_BASE if pushed else 1)
+        way = np.linspace(0.0, pushed, points_on_way_of_base if pushed else 1)
         words = (
             f"{STRETCHED:g} times its length from"
             f" {'all places its base is pushed to' if pushed else 'its base'}"

@@ -35,7 +35,6 @@ from magmpm.fields.schedule import end_time, places, sample_times
 from magmpm.fields.sources import FieldSource, Tabulation
 
 Corner = tuple[float, float, float]
-ARCS = 48  # pieces of a coil's wire, each in a box
 
 
 Nodes = tuple[Box, tuple[int, ...]]
@@ -450,7 +449,8 @@ def _cut(box: Box, seen: Box, named: list[Solid], *, keeps_off: float | None = N
 
 
 def _arcs(named: list[Solid]) -> list[Solid]:
-    """Magnets unchanged, coils as the boxes of ARCS arcs of their wire: a body may be inside a coil."""
+    """Magnets unchanged, coils as the boxes of arcs of their wire: a body may be inside a coil."""
+    arcs = 48  # pieces of a coil's wire, each in a box
     out = []
     for solid in named:
         if not solid.name.startswith("field.coils"):
@@ -458,11 +458,11 @@ def _arcs(named: list[Solid]) -> list[Solid]:
             continue
         radius = solid.half[0]
         thin = solid.half[2]
-        for angle in 2 * np.pi * (np.arange(ARCS) + 0.5) / ARCS:
+        for angle in 2 * np.pi * (np.arange(arcs) + 0.5) / arcs:
             center = solid.position + radius * (
                 solid.frame @ np.array([np.cos(angle), np.sin(angle), 0.0])
             )
-            half = np.array([thin + radius * np.sin(np.pi / ARCS)] * 3)
+            half = np.array([thin + radius * np.sin(np.pi / arcs)] * 3)
             out.append(Solid(solid.name, center, np.eye(3), half, False))
     return out
 

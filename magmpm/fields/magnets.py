@@ -219,13 +219,6 @@ def dipole_rows(dipoles: Sequence[Dipole]) -> Array:
     ).reshape(-1, 7)
 
 
-# Most steps toward the shortest way between a box and a solid; two flat faces need two, a rim and an edge some fifty.
-PROJECTIONS = 500
-# of the gap between the undeformed body and a magnet: distance from the magnet at which the box
-# ends
-KEPT_OFF = 0.25
-
-
 @dataclass(frozen=True)
 class Box:
     """A box, corners (3,) m along its own axes: the columns of `frame` (3, 3) in the sources' frame. cut: sources for which it was cut."""
@@ -276,8 +269,10 @@ def parting(box: Box, solid: Solid) -> Array | None:
     None where they meet. Box and solid are in the same frame, along whose axes the box lies. By projections onto either in turn, which
     converge for convex bodies; that a plane parts the two is then checked exactly.
     """
+    # Most steps toward the shortest way between a box and a solid; two flat faces need two, a rim and an edge some fifty.
+    projections = 500
     point = solid.position
-    for _ in range(PROJECTIONS):
+    for _ in range(projections):
         inside = np.clip(point, box.lower, box.upper)
         before = point
         point = solid.nearest(inside[None])[0]
@@ -344,6 +339,9 @@ def cut_for(
     body, obstacles: as the axes of the box see them. keeps_off: it is cut for obstacles just outside of it as well, of which it then
     keeps as far off, and at least so many m off where a plane can be. Nothing cut: the box itself.
     """
+    # of the gap between the undeformed body and a magnet: distance from the magnet at which the box
+    # ends
+    kept_off = 0.25
     for solid in obstacles:
         low, high = solid.box()
         if keeps_off is None and (not box.meets(low, high) or parting(box, solid) is not None):
@@ -357,10 +355,10 @@ def cut_for(
                 lower = box.lower.copy()
                 upper = box.upper.copy()
                 if sign > 0:
-                    upper[k] = min(upper[k], low[k] - KEPT_OFF * gap)
+                    upper[k] = min(upper[k], low[k] - kept_off * gap)
                 else:
-                    lower[k] = max(lower[k], high[k] + KEPT_OFF * gap)
-                found.append((KEPT_OFF * gap, replace(box, lower=lower, upper=upper)))
+                    lower[k] = max(lower[k], high[k] + kept_off * gap)
+                found.append((kept_off * gap, replace(box, lower=lower, upper=upper)))
         if not found:
             return None
         least = min(keeps_off or 0.0, max(kept for kept, _ in found))

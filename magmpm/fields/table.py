@@ -117,11 +117,9 @@ def _field(positions: Array, moments: Array, points: Array) -> Array:
 
 
 MOST_TABLE_NODES = 2_500_000  # 60 MB
-SAMPLE = 1500
 # times the tolerance: allowed error of the gradient; a cubic's derivative converges one order
 # slower
 GRADIENT = 10.0
-GRADIENT_STEP = 2e-6  # m, of the differences for the exact gradient
 
 
 @dataclass(frozen=True)
@@ -241,8 +239,8 @@ def evaluate(packed: Array, points: Array) -> tuple[Array, Array]:
 def _sample(box: Box) -> Array:
     """Points in the whole box (two thirds) and on its faces, (n, 3) m along its axes."""
     rng = np.random.default_rng(20)
-    inside = rng.random((SAMPLE, 3))
-    faces = rng.random((SAMPLE // 12 * 6, 3))
+    inside = rng.random((1500, 3))
+    faces = rng.random((750, 3))
     for k in range(3):
         for side in range(2):
             faces[2 * k + side :: 6, k] = 0.999 if side else 0.001
@@ -251,10 +249,11 @@ def _sample(box: Box) -> Array:
 
 def _differences(exact: Callable[[Array], Array], points: Array) -> Array:
     """grad B (n, 3, 3) T/m by central differences."""
+    gradient_step = 2e-6  # m, of the differences for the exact gradient
     out = np.empty((len(points), 3, 3))
     for k in range(3):
-        shift = GRADIENT_STEP * np.eye(3)[k]
-        out[:, :, k] = (exact(points + shift) - exact(points - shift)) / (2 * GRADIENT_STEP)
+        shift = gradient_step * np.eye(3)[k]
+        out[:, :, k] = (exact(points + shift) - exact(points - shift)) / (2 * gradient_step)
     return out
 
 

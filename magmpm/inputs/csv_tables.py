@@ -17,10 +17,6 @@ from magmpm.inputs.user_files import UnfitFile, read_regular
 
 COLUMNS = ("s_mm", "x_mm", "y_mm", "z_mm")
 MAX_ROWS = 100_000
-MOST_TABLE_BYTES = (
-    200_000_000  # of the largest table there is, a map of half a million points with all digits
-)
-MAX_MM = 10_000.0  # 10 m: a larger coordinate is a unit mistaken
 
 
 class TableError(InputError):
@@ -95,10 +91,12 @@ def table_lines(path: Path, start: str) -> Iterator[CsvLine]:
 
     Cells are separated as the header separates its names: by commas, semicolons or tabs. Raises TableError where it can't be read.
     """
+    # of the largest table there is, a map of half a million points with all digits
+    most_table_bytes = 200_000_000
     rule = "the table must be a readable text file"
     remedy = "check the path and its permissions"
     try:
-        lines = read_regular(path, MOST_TABLE_BYTES).decode("utf-8-sig").splitlines()
+        lines = read_regular(path, most_table_bytes).decode("utf-8-sig").splitlines()
     except FileNotFoundError:
         reason = "no such file"
         remedy = "check the path; it is relative to the file that names it"
@@ -107,7 +105,7 @@ def table_lines(path: Path, start: str) -> Iterator[CsvLine]:
         remedy = start
     except UnfitFile as error:
         reason = str(error.strerror)
-        rule = f"the table must be a regular file of at most {MOST_TABLE_BYTES // 1_000_000} MB"
+        rule = f"the table must be a regular file of at most {most_table_bytes // 1_000_000} MB"
         remedy = start
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
@@ -153,12 +151,13 @@ _START = f"begin the file with the line {','.join(COLUMNS)}, then numbers in mm,
 
 def _row(line: CsvLine, order: list[int]) -> list[float]:
     """The numbers of one row in the order of COLUMNS, mm. Raises TableError."""
+    max_mm = 10_000.0  # 10 m: a larger coordinate is a unit mistaken
     numbers = line.numbers(len(COLUMNS))
     if not numbers:
         raise line.error(f"a row must have {len(COLUMNS)} numbers, in mm", "check this row")
     row = [numbers[column] for column in order]
-    if not all(math.isfinite(value) and abs(value) <= MAX_MM for value in row):
-        raise line.error(f"numbers must be finite and at most {MAX_MM:g} mm", "check this row")
+    if not all(math.isfinite(value) and abs(value) <= max_mm for value in row):
+        raise line.error(f"numbers must be finite and at most {max_mm:g} mm", "check this row")
     if row[0] < 0:
         raise line.error("s_mm must not be negative", "measure s from the clamped base")
     return row

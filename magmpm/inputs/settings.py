@@ -37,9 +37,6 @@ from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, Key
 
 M = TypeVar("M", bound=BaseModel)
-MOST_SHOWN = 20  # problems of a file: more would hide the first
-# problems that are put into words, a millisecond each, of which the first in the file are reported
-MOST_WORDED = 500
 
 
 class _Told(type(BaseModel)):  # type: ignore[misc]
@@ -203,13 +200,15 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
 def _problems(
     model: type[BaseModel], data: Any, error: ValidationError
 ) -> tuple[list[Problem], int]:
-    """Pydantic's errors in words, and the number of those beyond MOST_WORDED."""
+    """Pydantic's errors in words, and the number of those that are not."""
+    # problems that are put into words, a millisecond each, of which the first in the file are reported
+    most_worded = 500
     errors = [e for e in error.errors(include_url=False) if not overruled(e)]
-    found = [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]]
+    found = [translate(model, data, dict(e)) for e in errors[:most_worded]]
     # a misspelled key that is required is one mistake, not two
     meant = {p.meant for p in found if p.meant is not None}
     kept = [p for p in found if not (p.received == NOTHING and p.at in meant)]
-    return kept, max(0, len(errors) - MOST_WORDED)
+    return kept, max(0, len(errors) - most_worded)
 
 
 def _told(
@@ -220,11 +219,12 @@ def _told(
     of: str = "input",
 ) -> InputError:
     """One error for all problems; left: how many more there are; lines: of keys in the file; of: what has the keys if no file does."""
-    shown = sorted(problems, key=lambda p: p.line(lines))[:MOST_SHOWN]
+    most_shown = 20  # problems of a file: more would hide the first
+    shown = sorted(problems, key=lambda p: p.line(lines))[:most_shown]
     text = "\n".join(problem.text(file, lines, of) for problem in shown)
     count = len(problems) + left
-    if count > MOST_SHOWN:
-        text += f"\n... and {count - MOST_SHOWN} more"
+    if count > most_shown:
+        text += f"\n... and {count - most_shown} more"
     if count > 1:
         text = f"{count} problems in {file if file is not None else of}\n{text}"
     return InputError(text)

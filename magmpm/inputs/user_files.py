@@ -135,11 +135,11 @@ FORBIDDEN = frozenset('/\\<>:"|?*')
 RESERVED = frozenset(  # names of devices on Windows, with any ending
     {"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))}
 )
-LONGEST_NAME = 100  # characters
 
 
 def folder_fault(name: str) -> tuple[str, str] | None:
     """Rule and remedy where a name can't be a folder's; else None."""
+    longest_name = 100  # characters
     rule = "must be usable as the name of a folder"
     bad = sorted({c for c in name if c in FORBIDDEN})
     odd = sorted({c for c in name if not c.isprintable()})
@@ -165,6 +165,6 @@ def folder_fault(name: str) -> tuple[str, str] | None:
         )
     if name.split(".")[0].strip().lower() in RESERVED:
         return rule, f"choose another name: {name.split('.')[0]} is a device on Windows"
-    if len(name) > LONGEST_NAME:
-        return f"{rule}, of at most {LONGEST_NAME} characters", "shorten it"
+    if len(name) > longest_name:
+        return f"{rule}, of at most {longest_name} characters", "shorten it"
     return None

@@ -17,8 +17,6 @@ from magmpm.errors import InputError, Key, SceneError, dotted, report, show, und
 from magmpm.inputs.user_files import UnfitFile, read_regular
 
 MOST_YAML_BYTES = 1_000_000
-MOST_YAML_NODES = 100_000
-MOST_DEPTH = 100  # of brackets in brackets
 
 
 class Document(dict[str, Any]):
@@ -37,9 +35,10 @@ class _Loader(yaml.SafeLoader):
     depth = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """A node and what is in it. Raises RecursionError beyond MOST_DEPTH: PyYAML's time grows as the square of the depth."""
+        """A node and what is in it. Raises RecursionError where it is too deep: PyYAML's time grows as the square of the depth."""
+        most_depth = 100  # of brackets in brackets
         self.depth += 1
-        if self.depth > MOST_DEPTH:
+        if self.depth > most_depth:
             raise RecursionError
         try:
             return super().compose_node(parent, index)
@@ -202,8 +201,9 @@ class _Builder:
         return report(f"{self.path}:{node.start_mark.line + 1}{key}", **words)
 
     def value(self, node: yaml.Node, at: Key) -> Any:
+        most_yaml_nodes = 100_000
         self.nodes += 1
-        if self.nodes > MOST_YAML_NODES or id(node) in self.open:
+        if self.nodes > most_yaml_nodes or id(node) in self.open:
             rule = "aliases must not contain themselves"
             raise InputError(
                 self.report(node, at, received="an alias", rule=rule, remedy="write the values out")

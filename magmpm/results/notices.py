@@ -23,8 +23,6 @@ log = logging.getLogger("magmpm")
 log.addHandler(logging.NullHandler())
 
 SWITCH = "MAGMPM_PROGRESS"  # of the environment: 0 hides the bars
-DELAY = 1.0  # s before a bar is drawn that was not asked for: short work shows nothing
-LOGGED = 10.0  # s between two lines of progress in the log
 _told: set[tuple[str, str]] = set()  # what warnings are of, and their texts
 
 
@@ -124,6 +122,7 @@ class Watched:
     """
 
     def __init__(self, title: str, total: float | None, unit: str, progress: bool | None) -> None:
+        delay = 1.0  # s before a bar is drawn that was not asked for: short work shows nothing
         self._title = title
         self._total = total
         self._unit = unit
@@ -131,7 +130,7 @@ class Watched:
         self._shown = shows_bars(progress, seen=seen and installed("tqdm"))
         if self._shown:
             require("tqdm", "motion", key="progress", use="progress bars")
-        self._delay = 0.0 if progress else DELAY
+        self._delay = 0.0 if progress else delay
         self._bar: Any = None
         self._logged = time.monotonic()
 
@@ -218,8 +217,9 @@ class Watched:
 
     def _say(self, text: str) -> None:
         """A line of progress in the log, now and then."""
+        logged = 10.0  # s between two lines of progress in the log
         now = time.monotonic()
-        if now - self._logged >= LOGGED:
+        if now - self._logged >= logged:
             self._logged = now
             log.info("%s: %s", self._title, text)
 

@@ -42,7 +42,6 @@ from magmpm.results.whole_file import write_json
 if TYPE_CHECKING:
     import h5py
 
-_KEEP_FREE = 16_000_000  # bytes of the disk left to others
 # bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
 _OVERHEAD = 65_536
 
@@ -211,6 +210,7 @@ class MotionWriter:
             self._positions.add(row)
 
     def _afford(self, time: float) -> None:
+        keep_free = 16_000_000  # bytes of the disk left to others
         needed = _OVERHEAD if self.frames < self._file.places else self.frame_size
         at = f"after {self.frames} frames, before the one at t = {time:g} s"
         remedy = (
@@ -224,10 +224,10 @@ class MotionWriter:
                 f" files must stay within max_disk\n  {remedy}; or raise max_disk"
             )
         free = shutil.disk_usage(self.folder).free
-        if free < needed + _KEEP_FREE:
+        if free < needed + keep_free:
             raise BudgetError(
                 f"{self.folder}: the disk is full: {_bytes(free)} are free {at}, which would add "
-                f"{_bytes(needed)}\n  rule: {_bytes(_KEEP_FREE)} of the disk are kept free\n  "
+                f"{_bytes(needed)}\n  rule: {_bytes(keep_free)} of the disk are kept free\n  "
                 f"{remedy}"
             )
 

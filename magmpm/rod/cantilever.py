@@ -10,11 +10,6 @@ from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.scene import Scene
 
-BORNE = (
-    2 / 3
-)  # (2 sqrt(2)/9) / (sqrt(2)/3): the largest moment of a tube that flattens, over that of a round one at the same curvature
-MOMENTS_OF_WEIGHT = 5  # of a motion, in equal parts, at whose fields a weight is laid on its rest
-
 
 def is_cantilever(scene: Scene) -> bool:
     """True if the scene's body is straight and held at its base alone: its rest can be taken as a rod's."""
@@ -25,9 +20,11 @@ def is_cantilever(scene: Scene) -> bool:
 def kink_warning(scene: Scene) -> str | None:
     """A warning, in milliseconds and before any equilibrium is solved, that a tube at rest will kink; None where it will not.
 
-    A tube bears at most M = (2 sqrt(2)/9) pi E r t^2 / sqrt(1 - nu^2) (Brazier 1927), BORNE of the moment that its round section would
+    A tube bears at most M = (2 sqrt(2)/9) pi E r t^2 / sqrt(1 - nu^2) (Brazier 1927), two thirds of the moment that its round section would
     have at Catheter.kink_radius. Its rod has the moments of the round section. Near the clamp it stays round: moments beyond count.
     """
+    # (2 sqrt(2)/9) / (sqrt(2)/3): the largest moment of a tube that flattens, over that of a round one at the same curvature
+    borne = 2 / 3
     tube = scene.body.catheter
     if tube is None or not tube.hollow or not scene.static or not is_cantilever(scene):
         return None
@@ -40,10 +37,10 @@ def kink_warning(scene: Scene) -> str | None:
         max(poisson_ratio(m.shear_modulus, m.shear_modulus * m.bulk_to_shear) for m in used)
     )
     bent = np.linalg.norm(rod.curvature[rod.s >= tube.held_round, 1:], axis=1).max(initial=0.0)
-    if bent * limit <= BORNE:
+    if bent * limit <= borne:
         return None
     return (
-        f"the tube will kink: the load bends it with {bent * limit / BORNE:.2g} times the moment "
+        f"the tube will kink: the load bends it with {bent * limit / borne:.2g} times the moment "
         "at which its section flattens (Brazier); the solve may be slow and fail; thicken the "
         "wall, or bend it less"
     )
@@ -71,9 +68,11 @@ def first_frequency(scene: Scene) -> float:
 def weight_in_motion(scene: Scene) -> float:
     """The way (m) that the weight of a body in motion moves it, about: of its rest in the field of some moments, what it reaches of that in
     time. Raises SolveError where its rod finds no rest."""
+    # of a motion, in equal parts, at whose fields a weight is laid on its rest
+    moments_of_weight = 5
     still = without_motion(scene)
     moved = 0.0
-    for time in np.linspace(0.0, scene.duration, MOMENTS_OF_WEIGHT).tolist():
+    for time in np.linspace(0.0, scene.duration, moments_of_weight).tolist():
         heavy, light = (
             solve_rod(one, time=time).position for one in (_heavy(still, Gravity()), still)
         )

@@ -35,8 +35,6 @@ from magmpm.scene import Scene
 
 # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
 ROD_ELEMENTS = 180
-MOST_TURNS = 40  # iterations of a fixed point
-START_ACCURACY = 1e-4  # of the length: accuracy that a start needs
 Surroundings = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -377,7 +375,7 @@ def solve_rod_model(
         more for a larger load.
     surroundings : Surroundings, optional
         As of `along_rod`, if field and pull depend on the shape. They are kept constant while
-        the rod relaxes, then found again, until the shape converges (START_ACCURACY).
+        the rod relaxes, then found again, until the shape converges to 1e-4 of the length.
 
     Returns
     -------
@@ -409,6 +407,8 @@ def solve_rod_model(
 
 def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
     """Equilibrium with field and pull that depend on the shape: a fixed-point iteration at each load step."""
+    start_accuracy = 1e-4  # of the length: accuracy that a start needs
+    most_turns = 40  # iterations of a fixed point
     s = rod.places
     position = s[:, None] * np.array([1.0, 0.0, 0.0])
     field, force = surroundings(position, np.tile(np.eye(3), (len(s), 1, 1)))
@@ -419,7 +419,7 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
         1:
     ]  # load steps in a field that depends on the shape
     for factor in loads:
-        for turn in range(MOST_TURNS):
+        for turn in range(most_turns):
             here = replace(rod, field=factor * field, weight=factor * (rod.weight + _beyond(force)))
             status, steps, energy, stable = here.relax(quaternions)
             total += steps
@@ -428,13 +428,13 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
                 break
             new_field, new_force = surroundings(found.position, found.frames)
             share = (
-                1.0 if turn < MOST_TURNS // 2 else 0.5
+                1.0 if turn < most_turns // 2 else 0.5
             )  # damp a rod that alternates between two sides
             field = field + share * (new_field - field)
             force = force + share * (new_force - force)
             moved = np.abs(found.position - position).max()
             position = found.position
-            if moved < (START_ACCURACY if factor == 1.0 else 20 * START_ACCURACY) * s[-1]:
+            if moved < (start_accuracy if factor == 1.0 else 20 * start_accuracy) * s[-1]:
                 break
         else:
             status = 1

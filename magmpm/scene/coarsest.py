@@ -7,7 +7,6 @@ from magmpm.errors import InputError
 from magmpm.scene.scene import Scene
 
 FAINT = 1e-3  # of the load
-MOST_CELLS_TRIED = 8  # cells across that are tried
 
 
 def coarsest(scene: Scene) -> Scene:
@@ -36,13 +35,14 @@ def coarsest(scene: Scene) -> Scene:
 
 def coarsest_cells(scene: Scene) -> int:
     """Cells across of the coarsest grid that the scene can have: two, or more where its magnetization turns within a few cells."""
-    for cells in range(2, MOST_CELLS_TRIED):
+    most_cells_tried = 8  # cells across that are tried
+    for cells in range(2, most_cells_tried):
         try:
             scene.with_cells(cells)
         except InputError:
             continue
         return cells
-    return MOST_CELLS_TRIED
+    return most_cells_tried
 
 
 def knots_of(scene: Scene) -> Knots:

@@ -15,8 +15,6 @@ from magmpm.fields.schedule import ended, strength_of
 from magmpm.inputs.settings import Length, Settings, fault
 from magmpm.inputs.vectors import Axis
 
-TORN = 10.0  # times the length: the softest silicones tear there, filled ones long before
-
 
 class Move(Settings):
     """A held part, or a held end, is moved along a line."""
@@ -99,6 +97,7 @@ def farthest(moves: Moves) -> float:
 
 def check(scene: Any) -> None:
     """Raises PydanticCustomError (see `fault`) for the first rule of what a Scene moves that is broken."""
+    torn = 10.0  # times the length: the softest silicones tear there, filled ones long before
     moves = scene.move or {}
     shape = scene.body.shape
     held = holders(shape)
@@ -143,9 +142,9 @@ def check(scene: Any) -> None:
         left = float(between[..., 0].min())
         apart = float(np.linalg.norm(between, axis=-1).max())
         last = next(name for name in ("tip", "base") if name in moves)
-        if apart > TORN * shape.length:
+        if apart > torn * shape.length:
             raise fault(
-                f"silicone tears before it is {TORN:g} times as long, and the ends would be "
+                f"silicone tears before it is {torn:g} times as long, and the ends would be "
                 f"{1e3 * apart:.4g} mm apart, from {1e3 * shape.length:.4g} mm",
                 "check the unit of the distance, or write a smaller one",
                 ("move", last, "distance"),

@@ -11,7 +11,6 @@ from magmpm.fields.schedule import end_time
 from magmpm.scene.scene import Scene
 
 RAMPED = {"field_steps": 40, "max_steps": 150}  # of statics: small steps, each with many iterations
-PATH_STEPS_ADVISED = 60  # equilibria along a ramp of the field
 SHARE_OF_REACHED = 0.9  # of the load or the time that was reached
 WEAKER = (0.5, 0.1)  # of the load, where it is not known how much was borne
 ENERGY = (  # how the reason of a motion begins whose steps are too long
@@ -119,6 +118,7 @@ def _shorter_or_weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 
 
 def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
+    path_steps_advised = 60  # equilibria along a ramp of the field
     static = Remedy(
         f"solver.static: {{field_steps: {RAMPED['field_steps']}, max_steps:"
         f" {RAMPED['max_steps']}}}",
@@ -142,8 +142,8 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         if scene.field.over_time is not None
         else {"field.over_time": {"ramp": {"duration": 1.0}}}
     )
-    followed = {"solver.quasi_static": {"steps": PATH_STEPS_ADVISED}, "solver.static": {}, **ramp}
-    words = f"solver.quasi_static: {{steps: {PATH_STEPS_ADVISED}}}" + (
+    followed = {"solver.quasi_static": {"steps": path_steps_advised}, "solver.static": {}, **ramp}
+    words = f"solver.quasi_static: {{steps: {path_steps_advised}}}" + (
         " with field.over_time: {ramp: {duration: 1 s}}" if ramp else ""
     )
     # Of 38 random scenes a ramp in small steps brought 5 to an answer, a weaker load 32, and equilibria along time none.

@@ -20,22 +20,14 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.several_grids import Runs, expected_step
 
-NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
-# of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
-FRAMES_OF_MOTION = 100
 MOMENTS_OF_PATH = 9  # of a path, in equal parts, at most
 # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40
 # (tests/benchmarks/advice.py)
 GRID = 0.05
-CLOSE_TO_ERROR = (
-    0.2  # of the error: a shift that is no nearer to it is on the same side on every grid
-)
-SMALL_SHIFT = 0.5  # of the error: a smaller shift is not looked at on another grid
 LONGEST_COARSE_MOTION = (
     2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
 )
 RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
-TIME_OF_FINER_GRID = 5.0  # times that long, a motion on a grid with one cell more
 _WHERE = {
     "walls": "tube or surface",
     "viscosity": "viscosity or branches",
@@ -100,13 +92,16 @@ class Variants(Runs):
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
         """Distance between two variants. Raises SolveError where one has no answer or takes too long, InputError where it can't be run."""
+        small_shift = 0.5  # of the error: a smaller shift is not looked at on another grid
+        # of the error: a shift that is no nearer to it is on the same side on every grid
+        close_to_error = 0.2
         moved = self._distance(scene, other, 0)
-        if moved < SMALL_SHIFT * self.error:
+        if moved < small_shift * self.error:
             return Shift(moved, moved / 2)
         if (
             self.scene.in_time
             and not self._rough(scene, other)
-            and abs(moved - self.error) > CLOSE_TO_ERROR * self.error
+            and abs(moved - self.error) > close_to_error * self.error
         ):
             return Shift(moved, GRID * moved)
         try:
@@ -132,11 +127,14 @@ class Variants(Runs):
 
     def made(self, scene: Scene, cells: int) -> Scene:
         """A variant as it is run, no longer than may be. Raises SolveError if a finer motion would take too long."""
+        time_of_finer_grid = 5.0  # times the longest, that a motion on a finer grid may take
+        # as many as a motion has without output_every: with 25 the peak of a swing fell between two
+        frames_of_motion = 100
         data = scene.to_si()
         if scene.solver.dynamic is not None:
             data["solver"]["dynamic"] |= {
                 "duration": self.duration,
-                "output_every": self.duration / FRAMES_OF_MOTION,
+                "output_every": self.duration / frames_of_motion,
                 "time_step": None,
             }
         times = scene.path_times()
@@ -151,7 +149,7 @@ class Variants(Runs):
         if (
             cells > self.cells
             and coarse.solver.dynamic is not None
-            and motion_seconds(coarse) > TIME_OF_FINER_GRID * self.longest
+            and motion_seconds(coarse) > time_of_finer_grid * self.longest
         ):
             raise SolveError("a motion on a finer grid takes too long")
         return coarse
@@ -287,11 +285,12 @@ def unknown(key: str, named: bool, why: str) -> EffectRow:
 
 def _overlap(frames: Frames, thickness: float) -> Shift:
     """Depth (m) to which the body goes through itself without contact; 0 where it does not."""
+    neighbors = 2.5  # thicknesses along the axis: points nearer than that are neighbors
     depth = 0.0
     for axis in frames.points:
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(axis, axis=0), axis=1))])
         straight = np.column_stack([s, 0 * s, 0 * s])
-        depth = max(depth, -gap(axis, straight, thickness, NEIGHBORS * thickness, thickness))
+        depth = max(depth, -gap(axis, straight, thickness, neighbors * thickness, thickness))
     return Shift(depth, 0.1 * thickness if depth > 0 else 0.0)
 
 

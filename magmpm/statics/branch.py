@@ -43,9 +43,6 @@ from magmpm.statics.stability import NO_LOAD, stability, unloaded
 SHORTEST_ARC = (
     2.0**-10
 )  # of the step requested: attempts are halved down to this, and critical loads known within it
-STEP_GROWTH = 2.0  # of the step after one that was accepted
-# times the last step: how far the way between the last two equilibria is taken to go on
-GOES_ON = 2.5
 Kind = Literal["limit point", "bifurcation"]
 
 
@@ -144,10 +141,11 @@ class EquilibriumPath:
 
     def advance(self, until: float) -> list[Jump]:
         """Go on to a time (s). Returns the jumps on the way. Raises SolveError where the body falls to no rest, or leaves the field."""
+        step_growth = 2.0  # of the step after one that was accepted
         jumps: list[Jump] = []
         self._near.begin()
         finest = SHORTEST_ARC * (until - self.now.time)
-        growth = STEP_GROWTH
+        growth = step_growth
         beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:
             # Where nothing tells that the branch ends, a step may only have been too long: loads may grow a thousandfold within it.
@@ -175,7 +173,7 @@ class EquilibriumPath:
                 continue
             self.before = self.now
             self.now = replace(found, step=growth * way)
-            growth = STEP_GROWTH
+            growth = step_growth
             beyond = np.inf if target >= beyond else beyond
         self.now = replace(self.now, iterations=self._near.spent)
         return jumps
@@ -246,13 +244,15 @@ class EquilibriumPath:
         Points that are pressed against an obstacle, and do not go on along it, begin in it or away from it: other points touch then, and
         Newton's steps contract only from close by. Without obstacles they contract from the last equilibrium.
         """
+        # times the last step: how far the way between the last two equilibria is taken to go on
+        goes_on = 2.5
         now = self.now
         begin = self.loads.moved(now.point.grid, now.time, target)
         before = self.before
         if model.touching is None or before is None or target == now.time:
             return begin
         share = (target - now.time) / (now.time - before.time)
-        if share > GOES_ON:
+        if share > goes_on:
             return begin
         return begin + share * (begin - self.loads.moved(before.point.grid, before.time, target))
 

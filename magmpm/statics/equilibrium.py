@@ -42,9 +42,6 @@ from magmpm.statics.stability import Unloaded, stability
 from magmpm.statics.steady_stream import in_stream
 
 RAMP_STEPS = 8
-# times as many steps without the start from a rod, since a body may have to turn around: 100 to 300
-# steps in robots tried
-STEPS_WITHOUT_ROD = 10
 
 BODY = (
     "particles.position",
@@ -416,8 +413,11 @@ def _near_rod(task: _Task) -> Equilibrium:
 
 def _most_steps(model: StaticModel) -> int:
     """Most Newton steps of one solve."""
+    # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300
+    # steps in robots tried
+    steps_without_rod = 10
     return model.scene.solver.static.max_steps * (
-        1 if model.line is not None else STEPS_WITHOUT_ROD
+        1 if model.line is not None else steps_without_rod
     )
 
 

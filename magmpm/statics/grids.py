@@ -29,7 +29,6 @@ from magmpm.statics.tangent_matrix import Bands
 # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured,
 # docs/accuracy.md
 PARTICLE = 2.0e4
-BUILDING = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
 PROOF_SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
 # length over thickness: above, factors are of double precision. Steps settled as they do with those
 # up to 20, not at 24
@@ -166,8 +165,10 @@ class Equilibria(Grids):
 
     def effort(self, cells: int, steps: float) -> float:
         """Counted operations and particles, of the steps and of building the model."""
+        # passes over the particles that building a model costs, in units of a Newton step's
+        building = 2.0
         weight = PARTICLE * memory.fewest_particles(self.on(cells))
-        return steps * (operations(self.on(cells))[0] + weight) + BUILDING * weight
+        return steps * (operations(self.on(cells))[0] + weight) + building * weight
 
     def size(self, cells: int) -> float:
         """Bytes of the matrix."""

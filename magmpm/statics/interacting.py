@@ -33,9 +33,7 @@ from magmpm.statics.newton import (
     factored,
 )
 
-FRESH = 6  # steps with one factorization
 MOST_PRODUCTS = 200
-STEPS_FACTOR = 10  # times max_steps: these steps are cheap
 
 
 class InteractingEnergy:
@@ -196,8 +194,10 @@ def minimize_with_interaction(
 ) -> Minimum:
     """A minimum of the whole energy, from grid coefficients `start` (planes, m) m, as newton.minimize.
 
-    Raises SolveError, with the last point as its state, if STEPS_FACTOR * max_steps steps do not reach it, or no step lowers the energy.
+    Raises SolveError, with the last point as its state, if 10 max_steps steps do not reach it, or no step lowers the energy.
     """
+    steps_factor = 10  # times max_steps: these steps are cheap
+    fresh = 6  # steps with one factorization
     alone = energy.alone
     rest = energy.at(np.zeros_like(start)).energy
     point = energy.at(start)
@@ -205,11 +205,11 @@ def minimize_with_interaction(
     remembered: list[
         tuple[Array, Array]
     ] = []  # the last twelve steps, and what they changed in the gradient
-    age = FRESH
+    age = fresh
     decrement = np.inf
     scale = 1.0
-    for step in range(1, STEPS_FACTOR * max_steps + 1):
-        if age >= FRESH:
+    for step in range(1, steps_factor * max_steps + 1):
+        if age >= fresh:
             factored(alone, point)
             age = 0
         direction = corrected(gradient, remembered, lambda g: -alone.matrix.solve(g))
@@ -249,9 +249,9 @@ def minimize_with_interaction(
         pair = point.grid - before.grid, after - gradient
         remembered = [*remembered[-11:], *([pair] if float(np.sum(pair[0] * pair[1])) > 0 else [])]
         gradient = after
-        age = FRESH if fraction <= 0.25 else age + 1
+        age = fresh if fraction <= 0.25 else age + 1
     raise SolveError(
-        f"no equilibrium of segments that act on each other within {STEPS_FACTOR * max_steps} steps"
+        f"no equilibrium of segments that act on each other within {steps_factor * max_steps} steps"
         f" (energy decrement {decrement / scale:.1e} of the energy, wanted {tolerance:.1e})",
         point,
     )

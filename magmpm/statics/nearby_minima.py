@@ -19,8 +19,6 @@ from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import NEAR_MINIMUM, ROUNDING_AT_REST, OnStep, _chord_steps
 
 CONTRACTION = 0.5  # of Newton's steps, below which they are sure to stay with the branch
-# of a step: how far it is shortened at most where points begin to touch
-SHORTEST_STEP = 1 / 8
 MOST_FALLING = 400  # steps of a fall
 # of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone costs the soft mode
 # such an energy
@@ -175,7 +173,8 @@ def _stepped(energy: Energy, point: Point, direction: Array) -> Point:
     if point.touched is None:
         return trial
     part = 1.0
-    while part > SHORTEST_STEP and not (trial.min_det_F > 0 and trial.energy <= point.energy):
+    shortest = 1 / 8
+    while part > shortest and not (trial.min_det_F > 0 and trial.energy <= point.energy):
         part = part / 2
         trial = energy.at(point.grid + part * direction)
     return trial

@@ -25,19 +25,7 @@ from magmpm.statics.energy import Energy, Point
 FIRST_SHIFT = 1e-5  # of the largest diagonal entry
 NEAR_MINIMUM = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
 PAIRS = 6  # steps that a chord step remembers
-CRAWL = (
-    8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
-)
-# times as far as `_leave` says
-NEAREST = 2.0**-6
-LONGEST_ARC_STEP = 16.0
-# times the decrement: what a step wins whose end is far from the minimum along its way (of a
-# quadratic the step wins as much as the decrement, and twice as much if the energy falls evenly)
-BEYOND = 1.5
-# steps that all together win less than this share of what the next one promises: the solve leads nowhere
-STALL = 15
-STALLED = 0.1
-MOST_LEFT = 8  # unstable equilibria that one solve may leave
+LONGEST_ARC_STEP = 16.0  # times as far as `_leave` says
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
 ENERGY_ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
 # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
@@ -90,8 +78,13 @@ def minimize(
     """A minimum of the energy, from grid coefficients `start` (planes, m) m.
 
     tolerance: energy decrement over the energy scale at which to stop; on_step(step, decrement): called after each step.
-    Raises SolveError, with the last point as its state, if max_steps or STALL steps lead nowhere, or no step lowers the energy.
+    Raises SolveError, with the last point as its state, if max_steps or 15 steps lead nowhere, or no step lowers the energy.
     """
+    most_left = 8  # unstable equilibria that one solve may leave
+    # steps that together win less than a tenth of what the next one promises: the solve leads nowhere
+    stall = 15
+    # shifted steps in a row, after which the body goes along the mode that the shift slows down
+    crawl = 8
     point = energy.at(start)
     rest = energy.rest_energy()
     if not point.min_det_F > 0:
@@ -125,26 +118,26 @@ def minimize(
             )
         elif decrement < tolerance * scale:
             left += 1
-            if left > MOST_LEFT:
+            if left > most_left:
                 raise SolveError(
-                    f"the solve returned to unstable equilibria {MOST_LEFT} times", point
+                    f"the solve returned to unstable equilibria {most_left} times", point
                 )
             point = _search(energy, point, _leave(energy, residual, left), 0.0, scale)
         else:
             point = _search(energy, point, direction, decrement, scale)
-            if shifted and shifted % CRAWL == 0:
-                point = _along_mode(energy, point, residual, shifted // CRAWL)
+            if shifted and shifted % crawl == 0:
+                point = _along_mode(energy, point, residual, shifted // crawl)
         if on_step is not None:
             on_step(step, decrement / scale)
         energies.append(point.energy)
         if (
-            step >= STALL
+            step >= stall
             and decrement > NEAR_MINIMUM * scale
-            and energies[-1 - STALL] - point.energy < STALLED * decrement
+            and energies[-1 - stall] - point.energy < 0.1 * decrement
         ):
             raise _not_found(
                 point,
-                f"after {step} Newton steps, of which the last {STALL} made no progress",
+                f"after {step} Newton steps, of which the last {stall} made no progress",
                 decrement / scale,
                 tolerance,
                 _unsettled(energy, direction),
@@ -328,7 +321,7 @@ def _along_mode(energy: Energy, point: Point, residual: Array, attempt: int) -> 
     way = _leave(energy, residual, attempt)
     best = point
     for side in (1.0, -1.0):
-        part = NEAREST
+        part = 2.0**-6
         while part <= LONGEST_ARC_STEP:
             trial = energy.at(energy.arc(point, way, side * part))
             if not (trial.min_det_F > 0 and trial.energy < best.energy):
@@ -366,6 +359,9 @@ def _search(
     energy: Energy, point: Point, direction: Array, decrement: float, scale: float
 ) -> Point:
     """Backtrack along a direction, straight or along an arc, until the energy satisfies the Armijo condition."""
+    # times the decrement: what a step wins whose end is far from the minimum along its way (of a
+    # quadratic the step wins as much as the decrement, and twice as much if the energy falls evenly)
+    beyond = 1.5
     fraction = energy.clear_share(point.grid, direction)
     noise = max(ENERGY_ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
     while True:
@@ -378,7 +374,7 @@ def _search(
             arc = energy.at(energy.arc(point, direction, fraction))
             trial = arc if arc.min_det_F > 0 and not arc.energy >= trial.energy else trial
         if trial.min_det_F > 0 and trial.energy <= enough:
-            if fraction == 1.0 and point.energy - trial.energy > BEYOND * decrement:
+            if fraction == 1.0 and point.energy - trial.energy > beyond * decrement:
                 return _farther(energy, point, direction, trial)
             return trial
         fraction *= 0.5

@@ -22,13 +22,7 @@ from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import StaticModel
 
-# vectors: one or two after usual solves, ten where segments press each other together so that they
-# alone would buckle
-MOST_ADDED = 40
 COLUMNS = 3  # soft vectors: of a rod two of bending and one of twist
-# of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of
-# it is left
-MOST_WON_BY_A_VECTOR = 1e-5
 NO_LOAD = (
     1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
 )
@@ -122,6 +116,12 @@ def _smallest(
     """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes;
     stiffer: how many times as stiff the factors in the energy's matrix may be in the softest motions.
     """
+    # of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of
+    # it is left
+    most_won = 1e-5
+    # vectors: one or two after usual solves, ten where segments press each other together so that they
+    # alone would buckle
+    most_added = 40
     X = _start(energy)
     for _ in range(2):  # rounds of inverse iteration
         MX = lumped * X
@@ -129,7 +129,7 @@ def _smallest(
     X = _mixed(X, _orthonormal(_inner(X, lumped * X)))
     KX, MX = products(X)
     value = np.inf
-    for _ in range(MOST_ADDED):
+    for _ in range(most_added):
         turn = _orthonormal(_inner(X, MX))
         values, vectors = np.linalg.eigh(turn.T @ _inner(X, KX) @ turn)
         value = float(values[0])
@@ -137,7 +137,7 @@ def _smallest(
         left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
         w = energy.solve_columns(left)
         won = float(np.sum(w * left))  # mix is of norm 1 in M: what w can win, to first order
-        if stiffer * won < MOST_WON_BY_A_VECTOR * max(scale, abs(value)):
+        if stiffer * won < most_won * max(scale, abs(value)):
             return value - won
         w /= np.abs(w).max()
         Kw, Mw = products(w)

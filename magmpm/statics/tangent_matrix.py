@@ -22,8 +22,6 @@ from magmpm.statics import block_cholesky, sparse_cholesky
 from magmpm.statics.elimination import Elimination
 from magmpm.statics.layout import UnknownsLayout
 
-MOST_MEMORY = 4e9  # bytes of the factored tangent
-
 
 class Matrix(Protocol):
     """A symmetric matrix of a layout's unknowns."""
@@ -237,15 +235,16 @@ class SparseOfEachAxis(Sparse):
 
 def new_matrix(scene: Scene, layout: UnknownsLayout) -> Bands | Sparse:
     """A matrix of a layout's unknowns. Raises SceneError if it takes too much memory."""
+    most_memory = 4e9  # bytes of the factored tangent
     needed = _bytes(scene, layout)
-    if needed > MOST_MEMORY:
+    if needed > most_memory:
         raise SceneError(
             "resolution",
             found=(
                 f"statics of this body would take {needed / 1e9:.3g} GB for its tangent of"
                 f" {3 * len(layout.free_nodes)} unknowns"
             ),
-            rule=f"at most {MOST_MEMORY / 1e9:g} GB are used",
+            rule=f"at most {most_memory / 1e9:g} GB are used",
             remedy=(
                 "use larger cells, or let the body settle in a motion: `solver: {dynamic: "
                 "{duration: 0.5 s}}` with damping"

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from magmpm.statics.linearized import Sensitivities
 
 STATIONS_OF_INSERTION = 25
-MOST_TIMES_SHOWN = 4  # times in the picture of a schedule, at most
 EXIT_WEIGHT = 0.25
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
 CATHETER = (  # ... the whole catheter, of which the last depth may leave a part in the guide
@@ -337,10 +336,11 @@ class ScheduleTrajectory(Trajectory):
 
     def _shown(self, results: Sequence[Result], params: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Data that pictures need of the times that they show, m and T."""
+        most_times_shown = 4  # times in the picture of a schedule, at most
         fields = self.fields(params)
         found = []
         for k in np.unique(
-            np.linspace(0, len(results) - 1, MOST_TIMES_SHOWN).round().astype(int)
+            np.linspace(0, len(results) - 1, most_times_shown).round().astype(int)
         ).tolist():
             frame = self.study.keyframes[k]
             about = {"time_s": frame.time, "field_T": np.round(fields[k], 12).tolist()}

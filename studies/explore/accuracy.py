@@ -38,8 +38,6 @@ from magmpm.statics.layout import static_model
 
 LADDER = (2, 3, 4, 5, 6, 8)
 GOALS = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
-# ratio of two cell sizes whose difference tells the coarser one's error (statics.error_estimate)
-CLOSEST = 1.3
 
 USUAL_CELLS = 4
 MORE_PARTICLES = 3
@@ -273,14 +271,16 @@ def _rungs(runs: Mapping[int, Timed], beside: Beside) -> list[Rung]:
 
 def _bars(results: dict[int, Result]) -> dict[int, float | None]:
     """Bounds (m) of the discretization errors: of each grid by the finest one, of the finest by the coarsest that is fine enough for it."""
+    # ratio of two cell sizes whose difference tells the coarser one's error (statics.error_estimate)
+    closest = 1.3
     bars: dict[int, float | None] = dict.fromkeys(results)
     last = max(results)
     for n in results:
-        coarser = (m for m in reversed(results) if m <= n / CLOSEST)
+        coarser = (m for m in reversed(results) if m <= n / closest)
         other = last if n != last else next(coarser, n)
         low = min(n, other)
         high = max(n, other)
-        if high < CLOSEST * low:
+        if high < closest * low:
             continue
         finest = answer(results[high])
         others = {m: distance(results[m], finest) for m in results if m < high}

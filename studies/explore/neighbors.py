@@ -17,10 +17,6 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodShape
 
-STATIONS_COMPARED = 20  # along a rod, at which its curvature is compared
-# of curvature times length, rad: rods at a larger distance have little to do with each other
-REACH_OF_NEIGHBORS = 2.0
-
 
 class Neighbors:
     """Solves of one body on one grid, and what they added to their rods. `expected` and `learn` take turns."""
@@ -61,18 +57,20 @@ class Neighbors:
 
 
 def _curvature(rod: RodShape) -> Array:
-    """Twist and bending times length at STATIONS_COMPARED places from the clamp on, rad, so scaled that the norm is their mean."""
-    at = np.arange(STATIONS_COMPARED) / STATIONS_COMPARED * rod.s[-1]
+    """Twist and bending times length at 20 places from the clamp on, rad, so scaled that the norm is their mean."""
+    at = np.arange(20) / 20 * rod.s[-1]
     return (
         np.concatenate([np.interp(at, rod.s, column) for column in rod.curvature.T])
         * rod.s[-1]
-        / math.sqrt(STATIONS_COMPARED)
+        / math.sqrt(len(at))
     )
 
 
 def _covariance(one: Array, other: Array) -> Array:
     """(n, m) of curvatures (n, k) and (m, k)."""
+    # of curvature times length, rad: rods at a larger distance have little to do with each other
+    reach_of_neighbors = 2.0
     distance = (
-        np.linalg.norm(one[:, None] - other[None], axis=2) * math.sqrt(5.0) / REACH_OF_NEIGHBORS
+        np.linalg.norm(one[:, None] - other[None], axis=2) * math.sqrt(5.0) / reach_of_neighbors
     )
     return (1.0 + distance + distance**2 / 3.0) * np.exp(-distance) + 0.1 * (one @ other.T)

@@ -41,7 +41,6 @@ from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import BRINK
 from magmpm.studies.explore.neighbors import Neighbors
 
-MOST_POINTS_OF_MAP = 100_000
 # as many processes can share the work; longer paths learn more. Their number is fixed, so that a
 # map is the same on any machine
 PATHS = 8
@@ -54,12 +53,6 @@ MARKS = {  # from the worst to the best
     "two shapes": "another stable shape exists: the loading history decides",
     "sure": "one stable shape",
 }
-# of a field's growth; and how much finer where it is not smooth
-STEPS_OF_FIELD = 16
-FINER_STEPS = 8
-# of a step's move that is left in the longest of FINER_STEPS parts of it: 1/8 where smooth, 0.35 at a
-# buckling load, 1 at a snap
-LASTING = 0.6
 HEAD = (
     "Bx_mT",
     "By_mT",
@@ -148,11 +141,12 @@ def in_plane(count: int, largest: float, axes: str) -> Fields:
 
 
 def _check(count: int, largest: float) -> None:
-    if not 1 <= count <= MOST_POINTS_OF_MAP:
+    most = 100_000
+    if not 1 <= count <= most:
         raise InputError(
             "--fields",
             received=str(count),
-            rule=f"must be 1 to {MOST_POINTS_OF_MAP}",
+            rule=f"must be 1 to {most}",
             remedy="--fields 1000",
         )
     if not 0.0 < largest <= 20.0:
@@ -239,6 +233,10 @@ class RodTips:
 def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
     """Follow the scene's rods in fields (m, 3) T; `rays` of them: each m / rays in a row, of one direction and growing strength, in equal
     steps from the first. A rod that finds no equilibrium has a tip of NaN."""
+    finer_steps = 8  # times, where the tip's way is not smooth
+    # of a step's move that is left in the longest of its finer parts: 1/8 where smooth, 0.35 at a
+    # buckling load, 1 at a snap
+    lasting = 0.6
     rod = rod_model(scene.with_field([0.0, 0.0, 0.0]), 60)  # deflections to 1e-3
     distance = 0.03 * float(rod.length.sum())
     jump = 0.02 * float(rod.length.sum())
@@ -247,8 +245,8 @@ def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
     snaps = np.zeros(longest.shape, dtype=bool)
     doubtful = np.flatnonzero((longest > jump).any(axis=1))
     if len(doubtful):
-        finer = _grown(rod, ends[doubtful], FINER_STEPS)[2]
-        snaps[doubtful] = (finer > LASTING * longest[doubtful]) & (finer > jump)
+        finer = _grown(rod, ends[doubtful], finer_steps)[2]
+        snaps[doubtful] = (finer > lasting * longest[doubtful]) & (finer > jump)
     snapped = np.logical_or.accumulate(snaps, axis=1).ravel()
     shapes = shapes.reshape(len(fields), *shapes.shape[2:])
     tip = tip.reshape(-1, 3)
@@ -271,9 +269,9 @@ def _relaxed(rod: RodModel, q: Array, fields: Array) -> tuple[Array, NDArray[np.
 
 def _grown(rod: RodModel, ends: Array, finer: int) -> tuple[Array, Array, Array]:
     """Shapes (rays, k, n + 1, 4) and tips (rays, k, 3) m at fields (rays, k, 3) T along rays, and the longest move (rays, k) m of a tip in
-    a step up to each. A ray has at least STEPS_OF_FIELD steps, times `finer`."""
+    a step up to each. A ray has at least 16 steps, times `finer`."""
     rays, k = ends.shape[:2]
-    parts = max(-(-STEPS_OF_FIELD // k), 1) * finer
+    parts = max(-(-16 // k), 1) * finer
     q = np.zeros((rays, len(rod.length) + 1, 4))
     q[:, :, 0] = 1.0
     shapes = np.empty((rays, k, *q.shape[1:]))

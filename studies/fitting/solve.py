@@ -14,7 +14,6 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import MagmpmError
 from magmpm.studies.search.samplers.gauss_newton_steps import trusted_step
 
-LEAST_STEP = 1e-8  # in x: likewise
 Model = Callable[
     [Array, bool], tuple[Array, Array]
 ]  # x, whether with slopes -> residuals in standard errors (n,), slopes (n, k)
@@ -118,7 +117,7 @@ def least_squares(
         squares = float(residuals @ residuals)
         spread = float(np.sqrt(squares / max(len(residuals) - free.sum(), 1)))
         noise = spread if scale is None else scale
-        if np.linalg.norm(change) <= small * noise or size <= LEAST_STEP or known(x):
+        if np.linalg.norm(change) <= small * noise or size <= 1e-8 or known(x):
             return LeastSquares(x, residuals, slopes, steps, True)
         if failures == 12:
             break

@@ -48,9 +48,8 @@ AGAINST = 1.3 * EULER  # load of the part of the field along the strip that snap
 # m, its length and thickness
 STRIP = 20e-3
 THICK = 1e-3
-# m: next to the tip, where the magnet comes from and goes to; where it has just passed
+# m: next to the tip, where the magnet comes from and goes to
 FAR_FROM_TIP = 80e-3
-PAST = 10e-3
 D = 10e-3  # m: diameter of the magnet that passes, and its distance from the tip
 # mm, of the robot made of parts
 BASE = 4.0
@@ -262,13 +261,14 @@ def _passing() -> Scene:
 def _passed(scene: Scene) -> float:
     """Distance of the last shape from the mirror image of the first, or of the shape where the magnet has just passed from that of statics,
     whichever is more, over L; infinite if the tip has hardly moved in between."""
+    past = 10e-3  # m: where the magnet has just passed
     tips = np.array([step["tip"] for step in run(scene).steps])
     if np.ptp(tips[:, 2]) < 0.05 * CATHETER_LENGTH:
         return np.inf
     [source] = scene.to_si()["field"]["dipole"]
-    source = {**source, "position": [source["position"][0], 0.0, PAST]}
+    source = {**source, "position": [source["position"][0], 0.0, past]}
     still = run(changed(scene, field={"dipole": [source]}, solver={"static": {}}))
-    just = round((0.5 + PAST / FAR_FROM_TIP / 2) * (len(tips) - 1))
+    just = round((0.5 + past / FAR_FROM_TIP / 2) * (len(tips) - 1))
     mirrored = np.linalg.norm(tips[-1] - tips[0] * [1.0, 1.0, -1.0])
     return float(max(mirrored, np.linalg.norm(tips[just] - still.tip))) / CATHETER_LENGTH
 

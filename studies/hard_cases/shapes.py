@@ -34,7 +34,6 @@ from magmpm.studies.hard_cases.motions import (
 TURN = 5.0  # 1/s: centrifugal strains are 1e-6
 FREE_BODY_LENGTH = 8e-3  # m, of free bodies
 GAINED = 0.02  # of the energy, that may appear
-FAST = 2.0  # m/s: a twentieth of the speed of sound
 # mm, of blocks
 SIDE = 2.0
 CELL = 0.5
@@ -220,12 +219,13 @@ def _over(low: Mesh, high: Mesh) -> Scene:
 
 def _hit(scene: Scene) -> float:
     """Energy lost or gained, over that at first, as the last body falls on the other or the ground; infinite if they do not part."""
+    fast = 2.0  # m/s: a twentieth of the speed of sound
     moved = begin(build(scene))
     motion = moved.motion
     model = moved.motion.model
     last = int(model.component.max())
     falls = np.arange(len(motion.packed.node_place)) >= last * int(np.prod(model.grid.nodes))
-    throw(motion, lambda x: np.where(falls[:, None], [0.0, 0.0, -FAST], 0.0))
+    throw(motion, lambda x: np.where(falls[:, None], [0.0, 0.0, -fast], 0.0))
     begun = energy(motion)
     interval(moved, 2e-3)  # until the bodies have parted
     x, v, _ = motion.particles()
@@ -235,7 +235,7 @@ def _hit(scene: Scene) -> float:
         np.subtract(*(mass[on] @ z[on, 2] / (mass[on].sum() or 1.0) for on in (high, ~high)))
         for z in (v, x)
     )
-    return abs(energy(motion) / begun - 1) if up > 0.1 * FAST and distance > 0.0 else math.inf
+    return abs(energy(motion) / begun - 1) if up > 0.1 * fast and distance > 0.0 else math.inf
 
 
 def _stacked(scene: Scene) -> float:

@@ -39,8 +39,6 @@ __all__ = [
     "load_study",
 ]
 
-SHOWN_DIFFERENCES = 12
-
 
 def load_study(path: Path | str) -> Study:
     """Read a study from its file, with the scene and the target that it names.
@@ -203,6 +201,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     list of str
         One line a key: `sampler: tpe -> random`.
     """
+    most = 12
     was = dict(_flat(old))
     now = dict(_flat(new))
     keys = [*was, *(key for key in now if key not in was)]
@@ -211,8 +210,8 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
         for key in keys
         if was.get(key) != now.get(key)
     ]
-    if len(lines) > SHOWN_DIFFERENCES:
-        lines[SHOWN_DIFFERENCES:] = [f"and {len(lines) - SHOWN_DIFFERENCES} more"]
+    if len(lines) > most:
+        lines[most:] = [f"and {len(lines) - most} more"]
     return lines
 
 

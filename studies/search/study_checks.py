@@ -18,10 +18,6 @@ from magmpm.studies.problem.study_file import StudyFile
 from magmpm.studies.search.scene_edits import MOST_ORDERS, numbers_of
 from magmpm.studies.search.search_space import SearchSpace
 
-FEWEST_POINTS = 2  # of a target, beyond the base
-AS_LONG = 0.05  # how far s_mm may be from the length of a path's curve
-LONGEST_TARGET = 1.1  # a target may be this much longer than the part of the catheter it belongs to
-
 
 def check_file_name(path: Path) -> None:
     """Check the name of a study's file, which names the folder of results: `..yaml` would name the folder of all of them.
@@ -252,16 +248,19 @@ def check_shape(target: Array, length: float, where: str) -> Array:
     InputError
         For a shape that no such body can have.
     """
+    # a target may be this much longer than the part of the catheter it belongs to
+    longest_target = 1.1
+    fewest_points = 2  # of a target, beyond the base
     if target[-1, 0] > length * (1 + 1e-6):
         received = f"s_mm up to {1e3 * target[-1, 0]:g}"
         rule = f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm"
         remedy = "check that the target belongs to this catheter"
         raise InputError(where, received=received, rule=rule, remedy=remedy)
     rows = target if target[0, 0] == 0 else np.vstack([np.zeros(4), target])
-    if len(rows) - 1 < FEWEST_POINTS:
+    if len(rows) - 1 < fewest_points:
         received = f"{len(rows) - 1} point beyond the base"
         rule = (
-            f"a shape needs {FEWEST_POINTS} points or more beyond the base: one says where it is,"
+            f"a shape needs {fewest_points} points or more beyond the base: one says where it is,"
             " and not how it bends"
         )
         raise InputError(
@@ -273,8 +272,8 @@ def check_shape(target: Array, length: float, where: str) -> Array:
         raise InputError(where, received=received, rule=rule, remedy="move the target")
     distance = np.linalg.norm(np.diff(rows[:, 1:], axis=0), axis=1)
     along = np.diff(rows[:, 0])
-    worst = int(np.argmax(distance - LONGEST_TARGET * along))
-    if distance[worst] > LONGEST_TARGET * along[worst] + 0.001 * length:
+    worst = int(np.argmax(distance - longest_target * along))
+    if distance[worst] > longest_target * along[worst] + 0.001 * length:
         a = 1e3 * rows[worst, 0]
         b = 1e3 * rows[worst + 1, 0]
         received = f"points {1e3 * distance[worst]:.4g} mm apart at s_mm = {a:g} and {b:g}"
@@ -337,6 +336,7 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
 
 def _check_curve(rows: Array, thickness: float, where: str) -> None:
     """The smooth curve through the points, which is what is followed: at least a diameter long, as long as s_mm says, and not sharper."""
+    as_long = 0.05  # how far s_mm may be from the length of a path's curve
     if rows[-1, 0] < thickness * (1 - 1e-9):
         received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
         rule = (
@@ -364,9 +364,9 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
         )
     points = curve.at(np.linspace(0.0, rows[-1, 0], 1001))
     long = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    if abs(long / rows[-1, 0] - 1.0) > AS_LONG:
+    if abs(long / rows[-1, 0] - 1.0) > as_long:
         received = f"s_mm up to {1e3 * rows[-1, 0]:g} for a curve that is {1e3 * long:.4g} mm long"
-        rule = f"s_mm is the length along the path, to {100 * AS_LONG:g} %"
+        rule = f"s_mm is the length along the path, to {100 * as_long:g} %"
         raise InputError(
             where,
             received=received,

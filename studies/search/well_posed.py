@@ -24,9 +24,6 @@ from magmpm.studies.search.parameters import (
 from magmpm.studies.search.search_space import SearchSpace
 
 DESIGNS_TRIED = 3
-# of a whole step: forward differences, whose singular values agree with those of other steps to
-# 1e-6 mm
-DIFFERENCE_STEP = 1e-6
 # of the length: a whole step of a variable that moves the shape less than this moves nothing
 MOVES_NOTHING = 1e-5
 # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of
@@ -192,6 +189,9 @@ def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
 
 def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
     """Derivatives (3 m, n) m of the rods' points at all stations by whole steps. A field that one shape has moves no other."""
+    # of a whole step: forward differences, whose singular values agree with those of other steps to
+    # 1e-6 mm
+    difference_step = 1e-6
     if all(isinstance(block, SegmentOrder) for block in space.blocks):
         return np.empty((0, 0))
     here = [shape.at(x) for shape in shapes]
@@ -201,7 +201,7 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
         field += isinstance(block, FieldVector)
         for step in _steps(block, x[at]):
             moved = x.copy()
-            moved[at] += DIFFERENCE_STEP * step
+            moved[at] += difference_step * step
             moves = [
                 shape.field in (-1, field) or not isinstance(block, FieldVector) for shape in shapes
             ]
@@ -209,7 +209,7 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
                 shape.at(moved) - known if can else 0.0 * known
                 for shape, known, can in zip(shapes, here, moves, strict=True)
             ]
-            columns.append(np.concatenate(changes) / DIFFERENCE_STEP)
+            columns.append(np.concatenate(changes) / difference_step)
     return np.array(columns).reshape(len(columns), -1).T
 
 

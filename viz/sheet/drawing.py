@@ -19,9 +19,6 @@ from magmpm.viz import style
 DRAWING_WIDTH = 860.0
 LEFT = 96.0
 RIGHT = 150.0
-# height of the body, px
-LEAST_BODY_HEIGHT = 44.0
-MOST_BODY_HEIGHT = 120.0
 NARROW = 30.0  # px: a segment in which its number finds room
 
 VIEWS = (
@@ -72,7 +69,7 @@ def _sizes(body: Mapping[str, Any]) -> list[tuple[str, float]]:
 def _heights(sizes: Sequence[tuple[str, float]], scale: float) -> tuple[dict[str, float], float]:
     """Height of each view, px, and how many times thicker than to scale the thinnest is drawn."""
     true = [scale * across for _, across in sizes]
-    heights = [min(max(px, LEAST_BODY_HEIGHT), MOST_BODY_HEIGHT) for px in true]
+    heights = [min(max(px, 44.0), 120.0) for px in true]
     return dict(zip((view[0] for view in VIEWS), heights, strict=True)), max(
         h / px for h, px in zip(heights, true, strict=True)
     )

@@ -30,7 +30,6 @@ QUIET = (
     "--disable-sync",
     "--no-pdf-header-footer",
 )
-SECONDS_TO_PRINT = 120.0  # s
 REMEDY = (
     f"{install('report')} (WeasyPrint), or install Chromium (apt-get install chromium), or print"
     " the page from a browser"
@@ -72,6 +71,7 @@ def _by_weasyprint(html: str, path: Path) -> str:
 
 
 def _by_browser(html: str, path: Path) -> str:
+    seconds_to_print = 120.0  # s
     browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
         raise PrintError("there is no Chromium or Chrome")
@@ -88,7 +88,7 @@ def _by_browser(html: str, path: Path) -> str:
                 [browser, *options, page.as_uri()],
                 capture_output=True,
                 text=True,
-                timeout=SECONDS_TO_PRINT,
+                timeout=seconds_to_print,
                 check=False,
             )
         except (OSError, subprocess.TimeoutExpired) as error:

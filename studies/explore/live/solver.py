@@ -30,10 +30,6 @@ from magmpm.statics.rod_start import from_rod, with_correction
 from magmpm.studies.explore.neighbors import Neighbors
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
-# s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so
-# that shapes keep coming
-LONGEST_LIVE_SOLVE = 0.4
-
 
 @dataclass(frozen=True)
 class DeformedShape:
@@ -165,6 +161,9 @@ class SolverProcess:
 
     def _answer(self, ticket: int) -> tuple[str, Any, float | None]:
         """Answer of the process to the scene that it was given. Raises Overtaken, Died."""
+        # s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so
+        # that shapes keep coming
+        longest_live_solve = 0.4
         begun = time.perf_counter()
         while True:
             if self.process.pipe.poll(0.02):
@@ -173,7 +172,7 @@ class SolverProcess:
                     raise found
                 if kind == DONE:
                     return found  # type: ignore[no-any-return]
-            elif ticket != self._newest and time.perf_counter() - begun > LONGEST_LIVE_SOLVE:
+            elif ticket != self._newest and time.perf_counter() - begun > longest_live_solve:
                 self.process.give(None)  # give up; both are answered
                 answered = 0
                 while answered < 2:
