@@ -54,7 +54,7 @@ $(BIN)/python:
 	  { rm -rf $(VENV); echo "no virtual environment can be made here; install one with: apt-get install python3-venv"; exit 1; }
 
 setup: $(VENV)/.ready
-$(VENV)/.ready: setup.py setup.cfg pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.ready: setup.cfg pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[all]'
 	@touch $@
 
@@ -65,14 +65,11 @@ $(VENV)/.ready-test: $(VENV)/.ready
 design: $(VENV)/.ready
 	$(BIN)/magmpm design data/studies/s_shape.yaml
 
-# mypy and import-linter read packages where they are installed (setup.py): studies and viz inside magmpm.
-TREE := $(VENV)/tree
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	@rm -rf $(TREE) && mkdir -p $(TREE)/magmpm && ln -s $(CURDIR)/magmpm/* $(CURDIR)/studies $(CURDIR)/viz $(TREE)/magmpm/
-	cd $(TREE) && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/setup.cfg
-	cd $(TREE) && $(CURDIR)/$(BIN)/lint-imports --config $(CURDIR)/setup.cfg
+	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 # Linters beside the tests, which do not keep all cores busy throughout. Both end before make does, and either one's failure is make's.
 test: $(VENV)/.ready-test
