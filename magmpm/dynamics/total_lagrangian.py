@@ -30,7 +30,8 @@ from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.body_contact import Meeting
 from magmpm.kernels.flutter import flutter_warnings
 from magmpm.kernels.surface_contact import PATCH
-from magmpm.kernels.watch import BROKEN, GOING, WHY, new_slabs, unlimited
+from magmpm.kernels.total_lagrangian_step import ParticleMotion, State
+from magmpm.kernels.watch import BROKEN, GOING, WHY, Slabs, new_slabs, unlimited
 from magmpm.model import Model
 
 DTYPE = np.dtype([("rate", np.float64, 3), ("low", np.float64, 3), ("high", np.float64, 3)])
@@ -170,19 +171,10 @@ class TotalMotion:
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s). Returns the steps taken, and whether it stopped because some det F is 0, negative or NaN."""
         meeting = () if self.contact is None else self.contact.meeting
-        arrays = (
-            self.u,
-            self.v,
-            self.force,
-            self.touching,
-            self.stiffness,
-            self.watch,
-            self.memory,
-            meeting,
-        )
-        flutter = self.flutter
+        state = State(self.u, self.v, self.force, self.stiffness, self.touching, self.memory)
+        body = self._body(meeting)
         taken, _ = self.threads.run(
-            lambda: (self._advance(steps, dt, effects, *arrays, flutter=flutter), False)
+            lambda: (self._advance(steps, dt, effects, body, state, self.watch, self.slabs), False)
         )
         if self.contact is not None and self.contact.outdated:
             self.contact.list(self.u)
@@ -195,39 +187,42 @@ class TotalMotion:
         steps: int,
         dt: float,
         effects: tuple[Any, ...],
+        body: tuple[Any, ...],
+        state: State,
+        watch: Array,
+        slabs: Slabs,
+    ) -> int:
+        """Take up to `steps` steps, and return their number."""
+        calls = in_motion(effects)
+        return int(total_lagrangian_step.advance(steps, dt, *body, state, calls, watch, slabs))
+
+    def _body(self, meeting: Meeting | tuple[()], instant: float = 0.0) -> tuple[Any, ...]:
+        """The body in motion, as the compiled step takes it; instant: Pa more shear modulus."""
+        p = self.packed
+        cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
+        return cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
+
+    def _tried(
+        self,
+        dt: float,
+        effects: tuple[Any, ...],
         u: Array,
         v: Array,
-        force: Array,
-        touching: Array,
-        stiffness: Array | None = None,
-        watch: Array | None = None,
-        memory: Array | None = None,
-        meeting: Meeting | tuple[()] | None = None,
-        instant: float = 0.0,
-        flutter: Array | None = None,
-    ) -> int:
-        """Take steps with these arrays. memory, meeting, flutter: unless given, copies of the motion's; instant: Pa more shear modulus."""
-        p = self.packed
-        memory = self.memory.copy() if memory is None else memory
-        if meeting is None:
-            meeting = () if self.contact is None else self.contact.copy()
-        stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
-        watch = unlimited() if watch is None else watch
-        flutter = self.flutter.copy() if flutter is None else flutter
-        state = total_lagrangian_step.State(u, v, force, stiffness, touching, memory)
-        cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
-        body = cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
-        return int(
-            total_lagrangian_step.advance(
-                steps,
-                dt,
-                *body,
-                state,
-                in_motion(effects),
-                watch,
-                self.slabs._replace(flutter=flutter),
-            )
-        )
+        *,
+        body: tuple[Any, ...] | None = None,
+        kept: tuple[Array, Array] | None = None,
+    ) -> Array:
+        """Velocity (3 nodes,) m/s after a step of dt (s) from u m and v, which changes nothing of the motion but `kept`: stiffness and
+        watch."""
+        if body is None:
+            body = self._body(() if self.contact is None else self.contact.copy())
+        stiffness, watch = kept or (np.full_like(self.stiffness, np.nan), unlimited())
+        touching = self.touching.copy()
+        force = np.zeros_like(u)
+        state = State(u.copy(), v.copy(), force, stiffness, touching, self.memory.copy())
+        slabs = self.slabs._replace(flutter=self.flutter.copy())
+        self._advance(1, dt, effects, body, state, watch, slabs)
+        return state.v
 
     def warnings(self) -> list[str]:
         """Tell what the user must know of the motion so far."""
@@ -238,49 +233,29 @@ class TotalMotion:
 
         The v of symplectic Euler is half a step earlier. With u, energies would oscillate by omega dt / 2 of that of the motion.
         """
-        return self._caught_up(None, None)
-
-    def _caught_up(self, stiffness: Array | None, watch: Array | None) -> Array:
-        v = self.v.copy()
-        self._advance(
-            1,
-            self.lag,
-            self._last,
-            self.u.copy(),
-            v,
-            np.zeros_like(v),
-            self.touching.copy(),
-            stiffness,
-            watch,
-        )
-        return v
+        return self._tried(self.lag, self._last, self.u, self.v)
 
     def kinematics(self) -> Kinematics:
         """The present kinematics. The watch checks the present state as well."""
         with self.threads.alone():
-            return self._kinematics(self._caught_up(self.stiffness, self.watch))
+            kept = (self.stiffness, self.watch)
+            return self._kinematics(self._tried(self.lag, self._last, self.u, self.v, kept=kept))
 
     def _kinematics(self, v: Array) -> Kinematics:
-        position, velocity, deformation = self._kinematics_at(self.u, v)
         kinetic = 0.5 * float(v @ self.packed.mass.momentum(v.reshape(-1, 3)).ravel())
-        return Kinematics(position, velocity, deformation, kinetic)
+        return Kinematics(*self._at_particles(self.u, v), kinetic)
 
     def shape(self, u: Array) -> tuple[Array, Array]:
         """Position (n, 3) m and F (n, 3, 3) of the particles, in the model's order, at displacements u (3 nodes,) m of the nodes."""
-        now = self._kinematics_at(u, u)
-        return now[0], now[2]
+        now = self._at_particles(u, u)
+        return now.x, now.F
 
-    def _kinematics_at(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
+    def _at_particles(self, u: Array, v: Array) -> ParticleMotion:
         p = self.packed
-        n = len(self.model.density)
-        position = np.empty((n, 3))
-        velocity = np.empty((n, 3))
-        deformation = np.empty((n, 3, 3))
         rest = self.model.particles.position
-        total_lagrangian_step.at_particles(
-            p.cells, p.particles, p.particle, u, v, rest, position, velocity, deformation
-        )
-        return position, velocity, deformation
+        out = ParticleMotion(np.empty_like(rest), np.empty_like(rest), np.empty((len(rest), 3, 3)))
+        total_lagrangian_step.at_particles(p.cells, p.particles, p.particle, u, v, rest, out)
+        return out
 
     def kept(self) -> dict[str, Any]:
         """State that `rewind` needs within the same process."""
@@ -304,10 +279,7 @@ class TotalMotion:
             return
         if self.own is not None:
             self.own.compute(effects, self)
-        later = self.v.copy()
-        self._advance(
-            1, abs(back), effects, self.u.copy(), later, np.zeros_like(self.v), self.touching.copy()
-        )
+        later = self._tried(abs(back), effects, self.u, self.v)
         self.v -= np.sign(back) * (later - self.v)
         self.lag = dt / 2
         self._last = at_step(effects, 0)
@@ -317,13 +289,9 @@ class TotalMotion:
 
         Branches that relax count as if they did not: as shear modulus.
         """
-        v = np.zeros_like(u)
-        instant = acting.instant_modulus(self.model.scene)
         apart = () if self.contact is None else self.contact.apart()
-        self._advance(
-            1, 1.0, (), u.copy(), v, np.zeros_like(u), self.touching, meeting=apart, instant=instant
-        )  # a second from rest: v is that
-        return v
+        body = self._body(apart, acting.instant_modulus(self.model.scene))
+        return self._tried(1.0, (), u, np.zeros_like(u), body=body)  # a second from rest: v is that
 
     def particles(self) -> tuple[Array, Array, Array]:
         """x m, v m/s (n, 3) and F (n, 3, 3), in the model's order."""
@@ -395,15 +363,5 @@ class TotalMotion:
         if self.contact is None:
             return {}
         meeting = self.contact.copy()
-        v = self.v.copy()
-        self._advance(
-            1,
-            self.lag,
-            self._last,
-            self.u.copy(),
-            v,
-            np.zeros_like(v),
-            self.touching.copy(),
-            meeting=meeting,
-        )
+        v = self._tried(self.lag, self._last, self.u, self.v, body=self._body(meeting))
         return self.contact.report(meeting.memory, self.u, v)

@@ -223,11 +223,12 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, at, V,
 
 
 @compiled
-def _project(modes, at, group, first, count, volume, J, c, moment):
-    """c (modes,), from index `moment` on, += moments of J - 1 over a group (model.volume_modes), whose modes are from index `at` on."""
-    change = load(volume, 8 * group) * (load(J, first) - 1.0)
-    for k in range(count):
-        c[moment + k] += total(load(modes, at + 8 * k) * change)
+def _project(particles, group, det, c, moment):
+    """c (modes,), from index `moment` on, += moments of J - 1 over a group (model.volume_modes); det: lanes of J."""
+    at = particles.moments[group]
+    change = load(particles.volume, 8 * group) * (det - 1.0)
+    for k in range(particles.mode_count):
+        c[moment + k] += total(load(particles.modes, at + 8 * k) * change)
 
 
 @compiled
@@ -335,17 +336,7 @@ def grid_to_particles(cell, begun, cells, particles, state, room, least, bad):
         store(J, 8 * (group - zero), det)
         least = smaller(det, least)
         bad = flag_unless_positive(det, bad)
-        _project(
-            particles.modes,
-            particles.moments[group],
-            group,
-            8 * (group - zero),
-            particles.mode_count,
-            particles.volume,
-            J,
-            c,
-            moment,
-        )
+        _project(particles, group, det, c, moment)
     return least, bad
 
 
@@ -547,10 +538,18 @@ def advance(
     return steps
 
 
+class ParticleMotion(NamedTuple):
+    """Place x m, velocity v m/s (n, 3) and F (n, 3, 3) of a model's particles, in its order."""
+
+    x: Array
+    v: Array
+    F: Array
+
+
 @inner
 def _cell_at_particles(cell, given):
     """`at_particles` of one cell."""
-    cells, particles, particle, u, v, reference, position, velocity, deformation = given
+    cells, particles, particle, u, v, reference, out = given
     along_x = cells.along_x
     along_y = cells.along_y
     splines = particles.splines
@@ -565,23 +564,18 @@ def _cell_at_particles(cell, given):
             p = particle[group, lane]
             if p >= 0:
                 for i in range(3):
-                    position[p, i] = reference[p, i] + moved[8 * i + lane]
-                    velocity[p, i] = speed[8 * i + lane]
+                    out.x[p, i] = reference[p, i] + moved[8 * i + lane]
+                    out.v[p, i] = speed[8 * i + lane]
                     for j in range(3):
-                        deformation[p, i, j] = gradient[8 * (3 * i + j) + lane]
-                    deformation[p, i, i] += 1.0
+                        out.F[p, i, j] = gradient[8 * (3 * i + j) + lane]
+                    out.F[p, i, i] += 1.0
 
 
 @compiled
-def at_particles(cells, particles, particle, u, v, reference, position, velocity, deformation):
-    """Write position m, velocity m/s (n, 3) and F (n, 3, 3) of a model's particles; reference (n, 3) m: positions in the undeformed body.
+def at_particles(cells, particles, particle, u, v, reference, out):
+    """Write to `out`, a ParticleMotion, what moves with u, v (3 nodes,); reference (n, 3) m: positions in the undeformed body.
 
-    u, v (3 nodes,); particle (groups, 8): the particle in each lane, -1 for none.
+    particle (groups, 8): the particle in each lane, -1 for none.
     """
-    over_parts(
-        len(cells.first_node),
-        task(
-            _cell_at_particles,
-            (cells, particles, particle, u, v, reference, position, velocity, deformation),
-        ),
-    )
+    given = (cells, particles, particle, u, v, reference, out)
+    over_parts(len(cells.first_node), task(_cell_at_particles, given))

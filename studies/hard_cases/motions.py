@@ -248,7 +248,6 @@ def rod(
     *,
     length: float = CATHETER_LENGTH,
     directions: Sequence[Sequence[float]] = (X,),
-    shear: Sequence[float] | None = None,
     ratio: float = RATIO,
     field: Sequence[float] | None = None,
     cells: int = 2,
@@ -264,8 +263,6 @@ def rod(
         Of the catheter.
     directions : sequence of sequence of float, default (X,)
         Magnetization of each segment.
-    shear : sequence of float, Pa, optional
-        Shear modulus of each segment; the usual one unless given.
     ratio : float, no unit
         Bulk over shear modulus.
     field : sequence (3,) of float, T, optional
@@ -284,30 +281,45 @@ def rod(
     Scene
         The scene.
     """
-    moduli = [G] * len(directions) if shear is None else list(shear)
-    kinds = {
-        f"material {k}": {**SILICONE, "shear_modulus": g, "bulk_to_shear": ratio}
-        for k, g in enumerate(moduli)
-    }
-    segments = [
-        {"magnetization": list(d), "material": name}
-        for d, name in zip(directions, kinds, strict=True)
-    ]
     catheter = {
         "length": length,
         "diameter": DIAMETER,
-        "material": "material 0",
+        "material": "silicone",
         "clamp": clamp,
-        "segments": segments,
+        "segments": [{"magnetization": list(direction)} for direction in directions],
     }
     return made(
         {"catheter": catheter},
-        kinds,
+        {"silicone": {**SILICONE, "bulk_to_shear": ratio}},
         field={"uniform": [0.0, 0.0, 0.0] if field is None else [float(b) for b in field]},
         cells=cells,
         effects={**({} if field is None else {"magnetic_torque": {}}), **(effects or {})},
         solver=None if dynamic is None else {"dynamic": {"duration": 1.0, **dynamic}},
     )
+
+
+def with_modulus(scene: Scene, segments: Sequence[int], shear: float) -> Scene:
+    """Make the scene of a rod in which some segments are softer or stiffer.
+
+    Parameters
+    ----------
+    scene : Scene
+        As `rod` makes it.
+    segments : sequence of int
+        Their numbers, from 0 at the base.
+    shear : float, Pa
+        Their shear modulus.
+
+    Returns
+    -------
+    Scene
+        The other scene.
+    """
+    data = scene.to_si()
+    data["materials"]["other"] = {**data["materials"]["silicone"], "shear_modulus": shear}
+    for number in segments:
+        data["body"]["catheter"]["segments"][number]["material"] = "other"
+    return Scene.from_si(data)
 
 
 def bending_field(
