@@ -8,16 +8,15 @@ Source: Simo and Hughes, Computational Inelasticity, section 9.2, with the volum
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import determinant_of, inverse_cube_root, load, magnitude, store
 
 # the largest shear modulus that a scene may give: above those of steel (80 GPa), tungsten and
 # carbide (300 GPa)
 STIFFEST = "500 GPa"
-Moduli = TypeVar("Moduli", float, NDArray[np.float64])
+Moduli = TypeVar("Moduli", float, Array)
 
 
 def young_modulus(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
@@ -116,7 +115,7 @@ def bulk_over_shear(poisson: Moduli) -> Moduli:
     return 2 * (1 + poisson) / (3 * (1 - 2 * poisson))
 
 
-def magnetization(rotating: NDArray[np.bool_], remanence: Array, F: Array) -> Array:
+def magnetization(rotating: Mask, remanence: Array, F: Array) -> Array:
     """Find the magnetization of deformed particles.
 
     Parameters

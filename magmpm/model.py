@@ -32,7 +32,7 @@ from magmpm.bodies.grid import (
 from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.wetted_surface import WettedSurface
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.effects import acting as effects
 from magmpm.effects.contact_law import own_friction
 from magmpm.effects.hooks import has_hook
@@ -42,7 +42,7 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import knots_of
 
 Driven = tuple[
-    tuple[str, NDArray[np.bool_]], ...
+    tuple[str, Mask], ...
 ]  # by what moves them: which of the grid's nodes follow, in the grid's shape
 
 
@@ -121,10 +121,10 @@ class Wetted:
     splines, in motion; particle (n,): one in the cell of each."""
 
     surface: WettedSurface
-    first: NDArray[np.int64]
+    first: Index
     weights: Array
     slopes: Array
-    particle: NDArray[np.int64]
+    particle: Index
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Model:
     # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
     modes: Array
     section: dict[str, float]  # relative errors of area and second moment
-    held: NDArray[np.bool_]  # (n,) particles of parts that can't move
+    held: Mask  # (n,) particles of parts that can't move
     # the grid's lower x face stays at rest: node 0 along x is eliminated
     # (bodies.grid.clamp_first_node)
     clamped_face: bool
@@ -169,7 +169,7 @@ class Model:
         return None if self.time is None else np.array([self.time])
 
     @property
-    def rotating(self) -> NDArray[np.bool_]:
+    def rotating(self) -> Mask:
         """Particles (n,) whose magnetization rotates and does not stretch."""
         return rotating(self.scene)[self.particles.segment]
 
@@ -189,9 +189,7 @@ class Model:
         """Values and slopes (1/m) of each particle's three splines along each axis, (n, 3, 3): axis, node. Not kept: solvers sort them."""
         return self.splines_at(self.particles.position, self.particles.cell, self.held)
 
-    def splines_at(
-        self, points: Array, cell: NDArray[np.int64], held: NDArray[np.bool_]
-    ) -> tuple[Array, Array]:
+    def splines_at(self, points: Array, cell: Index, held: Mask) -> tuple[Array, Array]:
         """The same for any points (n, 3) m in cells (n, 3), some held (n,). Clamps are built into them."""
         weights, slopes = self.grid.splines(points, cell)
         if self.clamped_face:
@@ -216,7 +214,7 @@ class Model:
             weights[held, :, 1] = 1.0
         return weights, slopes
 
-    def first_nodes(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
+    def first_nodes(self, cell: Index) -> Index:
         """Grid index (n, 3) of the first node that points in these cells (n, 3) touch, along x one more in clamped cells."""
         first = cell.astype(np.int64)
         first[:, 0] = self.grid.along.node[first[:, 0]]
@@ -225,7 +223,7 @@ class Model:
         return first
 
     @cached_property
-    def component(self) -> NDArray[np.int64]:
+    def component(self) -> Index:
         """Component of the body that each particle (n,) is in: in motion, and where the body touches itself, each has a grid of its own.
         Else at rest one grid has all: 0."""
         if self.scene.solver.dynamic is None and self.scene.effects.self_contact is None:
@@ -238,9 +236,7 @@ class Model:
         nx, ny, nz = self.grid.nodes
         return (nx * (int(self.component.max()) + 1), ny, nz)
 
-    def first_in_motion(
-        self, particle: NDArray[np.integer | np.bool_] | slice
-    ) -> NDArray[np.int64]:
+    def first_in_motion(self, particle: NDArray[np.integer | np.bool_] | slice) -> Index:
         """The same as first_nodes in motion, for cells of particles."""
         first = self.first_nodes(self.particles.cell[particle])
         first[:, 0] += self.grid.nodes[0] * self.component[particle]
@@ -261,7 +257,7 @@ class Model:
         return tuple(found)
 
     @cached_property
-    def well_filled(self) -> NDArray[np.bool_]:
+    def well_filled(self) -> Mask:
         """Select the particles (n,) in cells whose splines may move points of the surface."""
         return well_filled(self.particles, self.scene.body.shape.part_of(self.particles))
 

@@ -50,7 +50,7 @@ from magmpm.bodies.surface_mesh import (
     volume_of,
 )
 from magmpm.bodies.wetted_surface import WettedSurface, wetted_parts
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.errors import length
 from magmpm.inputs.settings import Settings, Width, fault
 from magmpm.inputs.vectors import Direction, Point, Vector
@@ -485,11 +485,11 @@ class Parts(BodyShape):
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
         return particles.segment
 
-    def components(self, particles: Particles) -> NDArray[np.int64]:
+    def components(self, particles: Particles) -> Index:
         """Connected component that each particle (n,) is in, from 0: parts that touch are of one."""
         return connected_components(self._touching(), particles.cell, particles.segment)
 
-    def _touching(self) -> NDArray[np.bool_]:
+    def _touching(self) -> Mask:
         near = TOUCHING_DISTANCE * self.length
         return self._gaps(2 * near) <= near
 

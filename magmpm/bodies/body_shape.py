@@ -16,7 +16,7 @@ from magmpm.bodies.contact_surface import SurfacePoints
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.wetted_surface import WettedSurface
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.inputs.settings import Key, Settings
 from magmpm.inputs.vectors import Vector
 
@@ -163,7 +163,7 @@ class BodyShape(Settings):
         """
         return None
 
-    def components(self, particles: Particles) -> NDArray[np.int64]:
+    def components(self, particles: Particles) -> Index:
         """Connected component that each particle (n,) is in, from 0: components can move away from each other."""
         return np.zeros(len(particles.volume), np.int64)
 

@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.contact_surface import cut
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.compiled.jit import compiled
 
 ON = 0.1  # of a table's spacing: parts that come this near are on each other
@@ -194,7 +193,7 @@ def _uncovered(triangle: Array, others: Array, within: float, thin: float) -> Ar
     return np.asarray((triangle[0] + within * corners @ frame[:2])[triangulate(outlines)])
 
 
-def meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
+def meets(triangles: Array, other: Array, within: float) -> Mask:
     """Triangles (f, 3, 3) that come nearer than this (m) to the box around other ones (g, 3, 3)."""
     low = other.reshape(-1, 3).min(axis=0) - within
     high = other.reshape(-1, 3).max(axis=0) + within

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.grid import Grid, each_node, spread
 from magmpm.bodies.section_quadrature import Particles
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index, Mask
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class SurfacePoints:
 
     position: Array
     area: Array
-    region: NDArray[np.int64]
+    region: Index
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,16 @@ class ContactSurface:
     particle in the cell of each; friction (n,): of their own material (effects.contact_law.own_friction)."""
 
     place: Array
-    first: NDArray[np.int64]
+    first: Index
     weights: Array
     mass: Array
-    particle: NDArray[np.int64]
-    still: tuple[Array, NDArray[np.int64]]
+    particle: Index
+    still: tuple[Array, Index]
     friction: Array
 
 
 def layer_mass(
-    area: Array, first: NDArray[np.int64], weights: Array, mass: Array, nodes: tuple[int, int, int]
+    area: Array, first: Index, weights: Array, mass: Array, nodes: tuple[int, int, int]
 ) -> Array:
     """Mass (n,) kg of the points' layers, which springs of frequency w push: as thick as can be so that no oscillation is faster than w.
 
@@ -160,9 +160,7 @@ def parts_surface(parts: list[Array], cell: float) -> SurfacePoints:
     return _joined(found, region)
 
 
-def _joined(
-    faces: list[tuple[Array, Array]], region: NDArray[np.int64] | None = None
-) -> SurfacePoints:
+def _joined(faces: list[tuple[Array, Array]], region: Index | None = None) -> SurfacePoints:
     position = np.concatenate([face[0] for face in faces])
     area = np.concatenate([face[1] for face in faces])
     return SurfacePoints(
@@ -170,7 +168,7 @@ def _joined(
     )
 
 
-def well_filled(particles: Particles, region: NDArray[np.integer]) -> NDArray[np.bool_]:
+def well_filled(particles: Particles, region: NDArray[np.integer]) -> Mask:
     """Select particles (n,) in cells that are no slivers beside the fullest cell of their region (n,).
 
     The outer nodes of a sliver are so light that they tell nothing: just beyond its face they move by more than the body does.
@@ -190,8 +188,8 @@ def particle_of(
     grid: Grid,
     particles: Particles,
     region: NDArray[np.integer],
-    chosen: NDArray[np.bool_],
-) -> NDArray[np.int64]:
+    chosen: Mask,
+) -> Index:
     """A particle (n,) whose cell's splines move each point: of its region, in the cell that the point lies in or borders, or the nearest.
 
     region, chosen (particles,): region of each particle, and whether its cell may move points.

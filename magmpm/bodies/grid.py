@@ -17,9 +17,8 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 
 
 def spline_weights(xi: Array, ends: Array | float = 0.5) -> Array:
@@ -85,8 +84,8 @@ def clamp_low_node(weights: Array, slopes: Array, *, moved: bool = False) -> tup
 
 
 def each_node(
-    first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array
-) -> Iterator[tuple[NDArray[np.int64], Array]]:
+    first: Index, nodes: tuple[int, int, int], weights: Array
+) -> Iterator[tuple[Index, Array]]:
     """The number (n,) in the whole grid, x slowest, of each of the 27 nodes that points see, and its weight (n,) there.
 
     first (n, 3): of the first ones; nodes: of the grid along x, y, z; weights (n, 3, 3): of the splines along each axis.
@@ -98,9 +97,7 @@ def each_node(
         yield node, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
 
 
-def spread(
-    values: Array, first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array
-) -> Array:
+def spread(values: Array, first: Index, nodes: tuple[int, int, int], weights: Array) -> Array:
     """Sums (nodes,) over points of their values (n,) times their weights at each node of the whole grid; others as in `each_node`."""
     count = int(np.prod(nodes))
     return np.asarray(
@@ -129,11 +126,11 @@ class Spans:
 
     start: Array
     width: Array
-    index: NDArray[np.int64]
-    node: NDArray[np.int64]
+    index: Index
+    node: Index
     ends: Array
 
-    def at(self, share: Array, cell: NDArray[np.int64]) -> Array:
+    def at(self, share: Array, cell: Index) -> Array:
         """Distances (m) from the grid's lower face of places within cells, 0 to 1."""
         return np.asarray(self.start[cell] + self.width[cell] * (self.index[cell] + share))
 
@@ -212,7 +209,7 @@ class Grid:
             [[-first.width / 2], *inside, [last.start + last.width * (last.cells + 0.5)]]
         )
 
-    def section_nodes(self, node: NDArray[np.int64]) -> Array:
+    def section_nodes(self, node: Index) -> Array:
         """Coefficients (k, 2) m of the second and third coordinates themselves: of the nodes of a plane with these indices (k, 2)."""
         return np.column_stack(
             [self.node_coordinates(1)[node[:, 0]], self.node_coordinates(2)[node[:, 1]]]
@@ -230,7 +227,7 @@ class Grid:
         widths[[0, -1]] = self.along.width[[0, -1]]
         return widths
 
-    def splines_along(self, x: Array) -> tuple[NDArray[np.int64], Array, Array]:
+    def splines_along(self, x: Array) -> tuple[Index, Array, Array]:
         """First node (m,), values (m, 3) and slopes (m, 3) 1/m of the splines along x at distances x (m,) m from the lower face."""
         cell = self.cell_along(x)
         spans = self.along
@@ -250,7 +247,7 @@ class Grid:
             out[np.arange(len(x)), node + a] += values[:, a]
         return out
 
-    def cell_along(self, x: Array) -> NDArray[np.int64]:
+    def cell_along(self, x: Array) -> Index:
         """The cell (m,) along x of each distance x (m,) m from the lower face; the outermost cells go on beyond the grid."""
         if self.runs:
             return np.clip(
@@ -260,13 +257,13 @@ class Grid:
             )
         return np.clip(np.floor(x / self.spacing[0] + 1e-12).astype(int), 0, self.cells[0] - 1)
 
-    def section_splines(self, points: Array) -> tuple[NDArray[np.int64], Array]:
+    def section_splines(self, points: Array) -> tuple[Index, Array]:
         """First nodes (q, 2) and values (q, 2, 3) of the splines across a section at points (q, 2) m of it."""
         scaled = (points - self.origin[1:]) / self.spacing[1:]
         cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, np.array(self.cells[1:]) - 1)
         return cell, spline_weights(scaled - cell)
 
-    def splines(self, points: Array, cell: NDArray[np.int64]) -> tuple[Array, Array]:
+    def splines(self, points: Array, cell: Index) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that points (n, 3) m in these cells (n, 3) see along each axis, (n, 3, 3)."""
         xi = self.within(points, cell)
         first = cell[:, 0]
@@ -286,11 +283,11 @@ class Grid:
             )
         return weights, slopes
 
-    def own(self, points: Array, cell: NDArray[np.int64]) -> Array:
+    def own(self, points: Array, cell: Index) -> Array:
         """Coordinates (n, 3) along its axes of points (n, 3) m in these cells (n, 3)."""
         return points
 
-    def locate(self, points: Array, cell: NDArray[np.int64]) -> Array:
+    def locate(self, points: Array, cell: Index) -> Array:
         """Position within the given cells, 0 to 1. points (n, 3) m, cell (n, 3) -> (n, 3).
 
         Raises ValueError if a point lies outside its cell: an index outside the grid would corrupt memory in a kernel.
@@ -303,7 +300,7 @@ class Grid:
             raise ValueError("a particle lies outside the cell it was given")
         return np.clip(xi, 0.0, 1.0)
 
-    def within(self, points: Array, cell: NDArray[np.int64]) -> Array:
+    def within(self, points: Array, cell: Index) -> Array:
         """Position (n, 3) in units of given cells (n, 3): 0 to 1 within them, where their splines are meant; points (n, 3) m."""
         spans = self.along
         first = cell[:, 0]

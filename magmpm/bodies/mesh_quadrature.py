@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.section_quadrature import Particles, gauss
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.errors import SceneError
 
 _A = (6 - 15**0.5) / 21
@@ -28,7 +28,7 @@ _POINTS = np.array(
 _WEIGHTS = np.array([9 / 40, *[(155 - 15**0.5) / 1200] * 3, *[(155 + 15**0.5) / 1200] * 3])
 
 
-def cell_moments(triangles: Array, grid: Grid) -> tuple[NDArray[np.int64], Array]:
+def cell_moments(triangles: Array, grid: Grid) -> tuple[Index, Array]:
     """The cells that a closed mesh fills in part or whole, and the moments of the filled part.
 
     triangles (f, 3, 3) m, inside the grid. Returns cell (k, 3), in the order of x, y, z, and moments (k, 10) in the cell's own
@@ -174,7 +174,7 @@ def _stands(free: Array, held: Array, step: Array) -> bool:
     return not (_shadow(free, low, step, shape) & ~on).any()
 
 
-def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> NDArray[np.bool_]:
+def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> Mask:
     """True for points low + step (i, j) of a lattice of this shape that lie in triangles (f, 3, 2) m."""
     out = np.zeros(tuple(shape), bool)
     scaled = (triangles - low) / step
@@ -198,7 +198,7 @@ def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> NDArray[
 def _clamp_planes(
     parts: list[Array],
     boxes: Array,
-    still: NDArray[np.bool_],
+    still: Mask,
     grid: Grid,
     first: Array,
     last: Array,
@@ -319,7 +319,7 @@ def part_errors(particles: Particles, parts: list[Array]) -> dict[str, float]:
     )
 
 
-def point_weights(grid: Grid, particles: Particles, mine: NDArray[np.bool_], point: Array) -> Array:
+def point_weights(grid: Grid, particles: Particles, mine: Mask, point: Array) -> Array:
     """Weights that give a material point's deformed position from those of the particles.
 
     A displacement that the grid's splines hold is met exactly, wherever the particles determine the splines that the
@@ -360,7 +360,7 @@ def point_weights(grid: Grid, particles: Particles, mine: NDArray[np.bool_], poi
     return weights
 
 
-def _on_nodes(grid: Grid, points: Array, cell: NDArray[np.int64], home: NDArray[np.int64]) -> Array:
+def _on_nodes(grid: Grid, points: Array, cell: Index, home: Index) -> Array:
     """Values (m, 5^3) of the splines around a cell at points (m, 3) m in cells (m, 3) that are next to it or are it."""
     nodes_seen = 5  # nodes along an axis that the particles of a cell and its neighbors see
     values = grid.splines(points, cell)[0]
@@ -375,8 +375,8 @@ def _on_nodes(grid: Grid, points: Array, cell: NDArray[np.int64], home: NDArray[
 
 
 def connected_components(
-    touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]
-) -> NDArray[np.int64]:
+    touching: Mask, cell: NDArray[np.integer], part: NDArray[np.integer]
+) -> Index:
     """Connected component that each particle (n,) is in, from 0.
 
     touching (parts, parts): which do; cell (n, 3), part (n,): of each particle. Two are connected where they touch and their cells do.

@@ -11,11 +11,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.bodies.grid import Grid, Knots, Run, runs_along, spline_weights
 from magmpm.bodies.section_quadrature import Particles, extruded, gauss
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class PolarGrid(Grid):
         along, _, through = super().nodes
         return along, self.cells[1], through
 
-    def section_nodes(self, node: NDArray[np.int64]) -> Array:
+    def section_nodes(self, node: Index) -> Array:
         """The coefficients of the places themselves, y and z, (k, 2) m: outside of the circle that they stand for."""
         angle = self.origin[1] + self.spacing[1] * (node[:, 0] - 0.5)
         radius = self.node_coordinates(2)[node[:, 1]] / np.cos(self.spacing[1] / 2)
@@ -45,7 +44,7 @@ class PolarGrid(Grid):
         axes[:, 1:, 2] = outward
         return axes
 
-    def section_splines(self, points: Array) -> tuple[NDArray[np.int64], Array]:
+    def section_splines(self, points: Array) -> tuple[Index, Array]:
         """First nodes (q, 2) and values (q, 2, 3) of the splines across a section at points (q, 2) m of it."""
         turn = np.arctan2(-points[:, 1], points[:, 0]) - self.origin[1]
         scaled = (
@@ -56,14 +55,14 @@ class PolarGrid(Grid):
         xi = scaled - cell
         return cell, np.stack([self._around(xi[:, 0])[0], spline_weights(xi[:, 1])], axis=1)
 
-    def splines(self, points: Array, cell: NDArray[np.int64]) -> tuple[Array, Array]:
+    def splines(self, points: Array, cell: Index) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that points (n, 3) m in these cells (n, 3) see along each axis, (n, 3, 3)."""
         weights, slopes = super().splines(points, cell)
         weights[:, 1], turned = self._around(self.locate(points, cell)[:, 1])
         slopes[:, 1] = turned / np.hypot(points[:, 1], points[:, 2])[:, None]
         return weights, slopes
 
-    def own(self, points: Array, cell: NDArray[np.int64]) -> Array:
+    def own(self, points: Array, cell: Index) -> Array:
         """x, angle and radius (n, 3) of points (n, 3) m; the angle is that near the cell (n, 3)."""
         middle = self.origin[1] + self.spacing[1] * (cell[:, 1] + 0.5)
         turn = np.arctan2(-points[:, 2], points[:, 1]) - middle

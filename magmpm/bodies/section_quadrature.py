@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.grid import EVEN, Grid, Knots, runs_along
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class Particles:
     position: Array
     volume: Array
     segment: NDArray[np.int32]
-    cell: NDArray[np.int64]
-    box: NDArray[np.int64] | None = None
+    cell: Index
+    box: Index | None = None
 
     @cached_property
-    def cell_first(self) -> NDArray[np.int64]:
+    def cell_first(self) -> Index:
         """First particle of each cell, and the end (cells + 1,). A cell that two regions share counts as two: each has one material."""
         new = np.any(np.diff(self.cell, axis=0) != 0, axis=1) | (np.diff(self.segment) != 0)
         return np.concatenate([[0], np.flatnonzero(new) + 1, [len(self.cell)]]).astype(np.int64)
@@ -79,7 +79,7 @@ def disk_moments(low: Array, high: Array, radius: float) -> Array:
 
 def section_points(
     low: Array, high: Array, outer: float, inner: float, count: int
-) -> tuple[Array, Array, NDArray[np.int64]]:
+) -> tuple[Array, Array, Index]:
     """Quadrature of a ring cut by rectangles, exact for polynomials up to degree 2.
 
     low, high (n, 2) m: the rectangles; outer, inner: radii in m; count: points per direction and cell.
@@ -87,7 +87,7 @@ def section_points(
     """
     owner = np.arange(len(low))
     depth = 0
-    found: list[tuple[Array, Array, NDArray[np.int64]]] = []
+    found: list[tuple[Array, Array, Index]] = []
     # less is rounding error
     cells = (low, high)
     least = 1e-9 * float(np.prod(high - low, axis=1).max())
@@ -120,7 +120,7 @@ def section_points(
 
 def _piece_rules(
     low: Array, high: Array, outer: float, inner: float, count: int, least: float
-) -> tuple[NDArray[np.int64], Array, Array]:
+) -> tuple[Index, Array, Array]:
     """Indices (k,) of the rectangles that hold at least `least` m^2 of material; their points (k, count^2, 2), areas (k, count^2)."""
     moments = disk_moments(low, high, outer) - disk_moments(low, high, inner)
     keep = np.flatnonzero(moments[:, 0] > least)
@@ -141,9 +141,7 @@ def _piece_rules(
     return keep, points, area[:, None] * np.outer(weight, weight).ravel()
 
 
-def _quarters(
-    low: Array, high: Array, owner: NDArray[np.int64]
-) -> tuple[Array, Array, NDArray[np.int64]]:
+def _quarters(low: Array, high: Array, owner: Index) -> tuple[Array, Array, Index]:
     """Each rectangle cut into four, with the owner repeated."""
     half = (high - low) / 2
     corners = [low + half * np.array(c) for c in ((0, 0), (0, 1), (1, 0), (1, 1))]
@@ -186,7 +184,7 @@ def rod_particles(
 
 def rod_section(
     grid: Grid, *, outer: float, inner: float, particles_per_cell: int
-) -> tuple[NDArray[np.int64], tuple[Array, Array, NDArray[np.int64]]]:
+) -> tuple[Index, tuple[Array, Array, Index]]:
     """Cells (r, 2) of a round section's grid, and the `section_points` of the section in them."""
     _, ny, nz = grid.cells
     index = np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
@@ -196,10 +194,10 @@ def rod_section(
 
 def extruded(
     grid: Grid,
-    index: NDArray[np.int64],
+    index: Index,
     points: Array,
     areas: Array,
-    rectangle: NDArray[np.int64],
+    rectangle: Index,
     segment_ends: Array,
     count: int,
 ) -> Particles:

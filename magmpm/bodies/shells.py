@@ -9,12 +9,11 @@ triangles; where more meet, its answer depends on their order, so such edges are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import InputError, require
 
 if TYPE_CHECKING:
@@ -24,8 +23,6 @@ TOLERANCE = 1e-3  # of the smaller of two shells: touching faces of a drawing ne
 SAME_VERTEX = (
     1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
 )
-
-Index = NDArray[Any]
 
 
 class MeshError(InputError):
@@ -48,8 +45,8 @@ def shells_of(vertices: Array, faces: Index) -> tuple[list[Manifold], Index]:
 
     Triangles that share an edge are of one shell. Of four or more, as where boxes touch, each goes with the next through the material.
     """
-    *mesh, overlaps = _taken_apart(vertices, faces)
-    return _solid(*mesh).decompose(), overlaps
+    corners, triangles, overlaps = _taken_apart(vertices, faces)
+    return _solid(corners, triangles).decompose(), overlaps
 
 
 def _solid(vertices: Array, faces: Index) -> Manifold:

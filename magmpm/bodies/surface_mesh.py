@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationInfo
 
 from magmpm.bodies.shells import (
@@ -32,7 +31,7 @@ from magmpm.bodies.shells import (
     solid_of,
     solids_of,
 )
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.inputs.settings import fault, from_file, named_file
 from magmpm.inputs.user_files import UnfitFile, read_regular
 
@@ -56,7 +55,7 @@ class Mesh:
     """A closed surface: vertices (v, 3) in the file's unit, faces (f, 3) with normals outward."""
 
     vertices: Array
-    faces: NDArray[Any]
+    faces: Index
 
     @property
     def triangles(self) -> Array:
@@ -144,7 +143,7 @@ def _number(text: bytes) -> float:
         ) from None
 
 
-def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
+def _merged(corners: Array) -> tuple[Array, Index]:
     """Vertices and faces of separate triangles (f, 3, 3): near vertices are merged, triangles without area left out."""
     points, of = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     from scipy.sparse import (
@@ -168,7 +167,7 @@ def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
     return points, faces[(a != b) & (b != c) & (c != a)]
 
 
-def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
+def checked(vertices: Array, faces: Index) -> Mesh:
     """The mesh, if it encloses a volume once with its normals outward. Raises MeshError with what is wrong and how to mend it."""
     # of the mesh's size: more than what the touching pieces of a drawing cross each other by
     crossed = 0.01

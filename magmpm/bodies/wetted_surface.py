@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.contact_surface import cut
 from magmpm.bodies.signed_distance import to_triangles
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 
 ROUND, FLAT, END, FACE = range(
     4
@@ -32,11 +32,11 @@ class WettedSurface:
     thickness (n,) m: of a strip, else 0; solid (n,): of a rod's outline, the share that is not bore, else 1.
     """
 
-    kind: NDArray[np.int64]
+    kind: Index
     place: Array
     tangents: Array
     size: Array
-    region: NDArray[np.int64]
+    region: Index
     width: Array
     length: Array
     thickness: Array
@@ -64,7 +64,7 @@ def pieces(
     tangents: Array,
     size: Array,
     scale: Scale,
-    region: NDArray[np.int64] | None = None,
+    region: Index | None = None,
 ) -> WettedSurface:
     """Pieces of one kind: numbers that hold for all may be given once."""
     n = len(place)

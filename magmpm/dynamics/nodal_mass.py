@@ -21,9 +21,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.kernels.mass_correction import FIELDS, KNOTS_APART, Correction
 from magmpm.model import Model
 
@@ -100,9 +99,7 @@ def nodal_mass(
     mass = nodes[0]
     inverse = nodes[1].reshape(-1, 3)
     place = nodes[2]
-    free: NDArray[np.bool_] = np.asarray(
-        (inverse > 0).any(axis=1) & (model.scene.effects.feed is None)
-    )
+    free: Mask = np.asarray((inverse > 0).any(axis=1) & (model.scene.effects.feed is None))
     component = _components(base, strides, free)
     order = np.lexsort((np.arange(len(mass)), component))
     order = order[free[order]]
@@ -180,7 +177,7 @@ def _of_chains(chains: list[Chain], knots: list[int]) -> dict[str, Any]:
     }
 
 
-def _components(base: Index, strides: tuple[int, int], free: NDArray[np.bool_]) -> Index:
+def _components(base: Index, strides: tuple[int, int], free: Mask) -> Index:
     """Connected component that each free node is in (nodes,): cells connect the free nodes of their particles."""
     from scipy.sparse import coo_matrix, csgraph  # 0.1 s to import
 
@@ -197,7 +194,7 @@ def _components(base: Index, strides: tuple[int, int], free: NDArray[np.bool_]) 
     return np.asarray(csgraph.connected_components(graph, directed=False)[1], np.int64)
 
 
-def _arms(mass: Array, place: Array, component: Index, free: NDArray[np.bool_]) -> Array:
+def _arms(mass: Array, place: Array, component: Index, free: Mask) -> Array:
     """y and z (nodes, 2) m of the free nodes from the center of the masses on them, by component; 0 for others."""
     weight = mass * free
     count = component.max() + 1

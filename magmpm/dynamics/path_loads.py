@@ -11,10 +11,9 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import Line
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Mask
 from magmpm.effects import acting
 from magmpm.effects.base import Records
 from magmpm.effects.contact_law import Obstacle, most_friction
@@ -282,7 +281,7 @@ class FeedLoads:
 
 
 def _displacement(
-    part: StaticModel, grid: Array, whole: Model, free: NDArray[np.bool_], clamp: float
+    part: StaticModel, grid: Array, whole: Model, free: Mask, clamp: float
 ) -> tuple[Array, Array]:
     """Displacement (k, 3) m and its gradient (k, 3, 3) at the whole's free particles; clamp: m, where the part begins on its axis."""
     layout = part.layout

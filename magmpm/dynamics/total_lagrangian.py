@@ -10,9 +10,8 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
@@ -43,7 +42,7 @@ class MovedEnds:
     Raises SceneError where nodes that something else holds stand among those that follow.
     """
 
-    def __init__(self, model: Model, place: Array, mass: Array, free: NDArray[np.bool_]) -> None:
+    def __init__(self, model: Model, place: Array, mass: Array, free: Mask) -> None:
         self._moves = model.scene.move or {}
         self._boxes = {}
         half = 0.25 * model.grid.spacing

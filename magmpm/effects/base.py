@@ -18,7 +18,7 @@ from magmpm.effects.hooks import NO_DATA
 from magmpm.fields.external_field import Field
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.settings import Quantity, Settings
-from magmpm.inputs.vectors import three
+from magmpm.inputs.vectors import Vector, three
 
 Phase = Literal["force", "damping", "contact", "constraint"]
 PHASES = (
@@ -59,7 +59,7 @@ class SceneLike(Protocol):
     @property
     def thickness(self) -> float: ...
 
-    def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]: ...
+    def box(self) -> tuple[Vector, Vector]: ...
 
     def regions(self) -> tuple[Region, ...]: ...
 

@@ -21,7 +21,7 @@ from magmpm.effects.contact_law import (
 )
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import fault
-from magmpm.inputs.vectors import Direction
+from magmpm.inputs.vectors import Direction, Vector
 
 DTYPE = obstacle_dtype("ground", ("point", np.float64, (3,)), ("normal", np.float64, (3,)))
 
@@ -70,7 +70,7 @@ class Ground(Obstacle):
 
     @field_validator("normal")
     @classmethod
-    def _has_a_direction(cls, normal: tuple[float, float, float]) -> tuple[float, float, float]:
+    def _has_a_direction(cls, normal: Vector) -> Vector:
         if not any(normal):
             raise fault("a plane's normal must have a direction", "write, say, `normal: [0, 0, 1]`")
         return normal

@@ -16,10 +16,9 @@ Sources: dipole fields, Jackson, Classical Electrodynamics, 3rd ed., section 5.6
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, inner
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.effects.base import (
@@ -146,7 +145,7 @@ class MagneticInteraction(BodyEffect):
         return -0.5 * float(np.sum(moments * field))
 
 
-def _layers(cell: NDArray[np.int64], volume: Array) -> NDArray[np.int64]:
+def _layers(cell: Index, volume: Array) -> Index:
     """Layer of cells (from 0) of each particle; a first or last layer less than half full is joined to the next one.
 
     Blocks consist of whole cells: particles are at the Gauss points of a cell, and only their mean is the center of the cell's material.
@@ -171,9 +170,7 @@ def _act_on(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Arra
     return field, force, moments, sizes
 
 
-def dipoles(
-    particles: MarkedParticles, x: Array, F: Array
-) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def dipoles(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Array, Array, Index]:
     """Places (k, 3) m, moments (k, 3) A m^2, volumes (k,) m^3 and segment (k,) of the blocks."""
     block, segment, volume, remanence = particles
     count = int(block.max()) + 1

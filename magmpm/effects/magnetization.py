@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 from numba.extending import overload
-from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Mask
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import highest, lanes
 from magmpm.effects.base import SceneLike
@@ -27,7 +27,7 @@ ROOT_TOLERANCE = (
 MOST_ROOT_STEPS = 60  # no deformation needs more than 12; without det F > 0 there may be no root
 
 
-def rotating(scene: SceneLike) -> NDArray[np.bool_]:
+def rotating(scene: SceneLike) -> Mask:
     """Regions (k,) whose magnetization rotates and does not stretch."""
     materials = [scene.materials[region.material_name] for region in scene.regions()]
     return np.array(

@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from magmpm.bodies import signed_distance as distance
@@ -19,7 +18,7 @@ from magmpm.bodies.assembly import UNITS
 from magmpm.bodies.curves import curve, tightest_radius
 from magmpm.bodies.signed_distance import DistanceTable, curvature, value
 from magmpm.bodies.surface_mesh import outline, read_mesh, size_fault, unpack_mesh
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
@@ -123,7 +122,7 @@ class Surface(Settings):
         return unpack_mesh(self.mesh).vertices * UNITS[self.unit]
 
     @property
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> Index:
         """(f, 3)."""
         return unpack_mesh(self.mesh).faces
 

@@ -33,9 +33,7 @@ from magmpm.fields.magnets import (
 )
 from magmpm.fields.schedule import end_time, places, sample_times
 from magmpm.fields.sources import FieldSource, Tabulation
-
-Corner = tuple[float, float, float]
-
+from magmpm.inputs.vectors import Vector
 
 Nodes = tuple[Box, tuple[int, ...]]
 
@@ -272,7 +270,7 @@ class Field:
 
 def external_field(
     source: FieldSource,
-    box: tuple[Corner, Corner],
+    box: tuple[Vector, Vector],
     *,
     anchored: bool,
     cell: float,
@@ -314,12 +312,12 @@ def external_field(
 
 
 @lru_cache(maxsize=64)  # the places of a magnet in a table of measurements, each a megabyte
-def _kept(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -> Field:
+def _kept(source: FieldSource, lower: Vector, upper: Vector, anchored: bool) -> Field:
     return _around(source, lower, upper, anchored, None)
 
 
 def _around(
-    source: FieldSource, lower: Corner, upper: Corner, anchored: bool, nodes: Nodes | None
+    source: FieldSource, lower: Vector, upper: Vector, anchored: bool, nodes: Nodes | None
 ) -> Field:
     body = Box(np.array(lower), np.array(upper))
     seen = seen_from_sources(source, body)

@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Mask
 from magmpm.errors import require
 from magmpm.fields.dipole import POINT
 from magmpm.fields.schedule import places, sample_times
@@ -228,7 +227,7 @@ class Box:
     cut: tuple[str, ...] = ()
     frame: Array = field(default_factory=lambda: np.eye(3))
 
-    def holds(self, points: Array) -> NDArray[np.bool_]:
+    def holds(self, points: Array) -> Mask:
         """True for points (n, 3) m of the sources' frame that are in it."""
         local = points @ self.frame
         return np.all((local >= self.lower) & (local <= self.upper), axis=1)

@@ -18,7 +18,7 @@ from magmpm.fields.spline import LEAST_NODES_OF_SPLINE
 from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_faults, table_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
 from magmpm.inputs.settings import Settings, fault, from_file, named_file
-from magmpm.inputs.vectors import Point
+from magmpm.inputs.vectors import Point, Vector
 
 _MAP = {
     name: KINDS[kind]
@@ -59,8 +59,8 @@ _START_SCHEDULE = (
 class Grid3(Settings):
     """A map after reading: a field on a regular grid, in SI, with the values as base64 of little-endian doubles."""
 
-    lower: tuple[float, float, float]
-    spacing: tuple[float, float, float]
+    lower: Vector
+    spacing: Vector
     shape: tuple[int, int, int]
     values: str
 

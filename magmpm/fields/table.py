@@ -13,9 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import SceneError
 from magmpm.fields import spline
 from magmpm.fields.dipole import MU0, POINT, K
@@ -70,7 +69,7 @@ def cloud(
         count = np.where(pieces > 0.7 * pieces.max(), count + 1, count)
 
 
-def _block(solid: Solid, count: NDArray[np.int64]) -> tuple[Array, Array]:
+def _block(solid: Solid, count: Index) -> tuple[Array, Array]:
     rules = [np.polynomial.legendre.leggauss(int(n)) for n in count]
     points = np.stack(np.meshgrid(*[rule[0] for rule in rules], indexing="ij"), axis=-1).reshape(
         -1, 3
@@ -79,7 +78,7 @@ def _block(solid: Solid, count: NDArray[np.int64]) -> tuple[Array, Array]:
     return solid.position + (points * solid.half) @ solid.frame.T, weights
 
 
-def _cylinder(solid: Solid, count: NDArray[np.int64]) -> tuple[Array, Array]:
+def _cylinder(solid: Solid, count: Index) -> tuple[Array, Array]:
     radial = int(max(count[0], count[1]))
     height = int(count[2])
     s, ws = np.polynomial.legendre.leggauss(radial)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm import materials
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.jit import compiled
 
 QUANTITIES = {  # name of each array of the file: its components
@@ -28,9 +28,7 @@ class FrameArrays:
     reference: (n, 3) m, of the undeformed body; remanence: (n, 3) T, its remanence; rotating: (n,), where that does not stretch, or None.
     """
 
-    def __init__(
-        self, reference: Array, remanence: Array, rotating: NDArray[np.bool_] | None = None
-    ) -> None:
+    def __init__(self, reference: Array, remanence: Array, rotating: Mask | None = None) -> None:
         self.rotating = rotating
         self.reference = np.ascontiguousarray(reference)
         self.remanence = np.ascontiguousarray(remanence)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -28,6 +28,7 @@ from pydantic import (
 
 from magmpm.bodies.body import CATHETER, Body
 from magmpm.bodies.body_shape import Region
+from magmpm.compiled.arrays import Array
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError, show
 from magmpm.fields.external_field import Field as ExternalField
@@ -39,6 +40,7 @@ from magmpm.inputs.messages import Instead, plain_word
 from magmpm.inputs.quantities import in_si
 from magmpm.inputs.settings import Settings, fault, from_file, validate
 from magmpm.inputs.user_files import folder_fault
+from magmpm.inputs.vectors import Vector
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import moves, rules
 from magmpm.scene.derived import inserted_data
@@ -389,7 +391,7 @@ class Scene(Settings):
         """True if the body is held at its base alone, and so stays within its length of it."""
         return self.body.shape.clamp == "base"
 
-    def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    def box(self) -> tuple[Vector, Vector]:
         """Find the box around the undeformed body.
 
         Returns
@@ -463,7 +465,7 @@ class Scene(Settings):
         """
         return self.materials[self.regions()[index].material_name]
 
-    def region_remanence(self) -> NDArray[np.float64]:
+    def region_remanence(self) -> Array:
         """Find the remanent flux density of each region in the undeformed body.
 
         Returns
@@ -488,7 +490,7 @@ class Scene(Settings):
         """
         return [int(i) for i in np.flatnonzero(self.region_remanence().any(axis=1))]
 
-    def reference_centreline(self) -> NDArray[np.float64] | None:
+    def reference_centreline(self) -> Array | None:
         """Find the known answer that the scene names.
 
         Returns

@@ -16,10 +16,10 @@ from magmpm.effects.contact_law import Obstacle, most_friction
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import KINDS as KINDS_OF_QUANTITIES
 from magmpm.inputs.quantities import divided
+from magmpm.inputs.vectors import Vector
 from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.scene.scene import Scene
 
-Vector = tuple[float, float, float]
 ADDRESS = "address"  # kind of what has no other
 
 

@@ -26,8 +26,8 @@ import llvmlite.binding
 import numba
 import numpy as np
 from filelock import lock_descriptor
-from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.cache import compile_here, kept_all
 from magmpm.compiled.environment import cache_folder, source_hash
 from magmpm.compiled.process import answers, started
@@ -212,7 +212,7 @@ def _stamp(kinds: str) -> str:
     return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
 
 
-def _times(scene: Scene) -> NDArray[np.float64] | None:
+def _times(scene: Scene) -> Array | None:
     """Times at which effects are evaluated: as in motion, or as in statics."""
     return np.zeros(1) if scene.in_time else None
 

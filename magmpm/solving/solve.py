@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
@@ -344,7 +343,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     )
 
 
-def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
+def _neighbor(model: StaticModel, start: object) -> Array | None:
     """The grid correction of a neighboring design: nearly the same for this design."""
     if not isinstance(start, Result):
         return None

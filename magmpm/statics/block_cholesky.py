@@ -16,7 +16,7 @@ half-width 3 m would work in strips of 32. Source: Golub and Van Loan, Matrix Co
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.by_address import addresses, call
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.compiled.kept_memory import empty
@@ -69,7 +69,7 @@ def rounded(panels: Array) -> Single:
     return single
 
 
-def fix(panels: Array, split: int, fixed: NDArray[np.bool_]) -> None:
+def fix(panels: Array, split: int, fixed: Mask) -> None:
     """Fix these unknowns (planes, m) at zero in unfactored panels: replace their rows and columns by those of a multiple of the identity.
 
     The multiple is the largest diagonal entry, so neither scale nor definiteness changes.

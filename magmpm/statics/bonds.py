@@ -19,11 +19,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.bodies.contact_surface import particle_of
 from magmpm.bodies.grid import Grid
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.compiled.jit import compiled
 from magmpm.model import Model
 
@@ -210,7 +209,7 @@ class Springs:
             self._stretch.T @ (self.stiffness[:, None] * self.stretched(grid))
         ).reshape(grid.shape)
 
-    def gradient_per_shear(self, grid: Array, regions: NDArray[np.bool_]) -> Array:
+    def gradient_per_shear(self, grid: Array, regions: Mask) -> Array:
         """Change (planes, m) m^2 of the gradient with the shear modulus of these regions (regions,)."""
         size = np.where(regions[self._bonds.region], self._bonds.size, 0.0)
         return np.asarray(self._stretch.T @ (size[:, None] * self.stretched(grid))).reshape(

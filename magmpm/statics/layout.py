@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.section_quadrature import Particles
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.errors import SceneError, dotted, lengths
 from magmpm.model import Driven, Model, volume_modes
 from magmpm.scene import Scene
@@ -144,7 +144,7 @@ class StaticModel(Model):
     order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see arranged
     touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
     pairs: RestingPairs | None = None  # by which it touches itself; None where it does not
-    across_gaps: tuple[NDArray[np.bool_], ...] = ()  # nodes held as Pieces.held_across_gaps says
+    across_gaps: tuple[Mask, ...] = ()  # nodes held as Pieces.held_across_gaps says
     # of what is outside of a guide: the same part of another scene's body
     again: "Callable[[Scene], StaticModel] | None" = None
 
@@ -191,7 +191,7 @@ def static_model(model: Model) -> StaticModel:
     """
     weights, slopes = model.splines()
     bonds = None
-    across_gaps: tuple[NDArray[np.bool_], ...] = ()
+    across_gaps: tuple[Mask, ...] = ()
     if model.line is None:
         pieces = Pieces(model, weights)
         pieces.all_hang()
@@ -231,7 +231,7 @@ def make_layout(
     model: Model,
     weights: Array,
     bonds: Bonds | None = None,
-    held_nodes: tuple[NDArray[np.bool_], ...] = (),
+    held_nodes: tuple[Mask, ...] = (),
 ) -> UnknownsLayout:
     """The numbering of a model's unknowns; weights (n, 3, 3): values of its splines at its particles.
 
@@ -316,14 +316,14 @@ def driven_nodes(model: Model) -> Driven:
     return tuple((name, on.reshape(model.nodes_in_motion)) for name, on in model.driven_in_motion)
 
 
-def on_planes(model: Model, nodes: NDArray[np.bool_], node_yz: Index) -> NDArray[np.bool_]:
+def on_planes(model: Model, nodes: Mask, node_yz: Index) -> Mask:
     """True for the unknowns' nodes (planes, nodes_per_plane) that are among nodes of the grid."""
     return nodes[int(model.clamped_face) :, node_yz[:, 0], node_yz[:, 1]]
 
 
 def _touched(
     cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Nodes that any particle touches, True or False (planes, nodes_per_plane)."""
     heaviest = np.maximum.reduceat(np.abs(weights), cell_first[:-1], axis=0) > 0.0
     touched = np.zeros(shape, bool)
@@ -462,7 +462,7 @@ class Pieces:
             one = self._of_particle[np.flatnonzero(loose)[0]]
             raise _loose(self._model, loose & (self._of_particle == one))
 
-    def held_across_gaps(self, bonds: Bonds | None) -> NDArray[np.bool_]:
+    def held_across_gaps(self, bonds: Bonds | None) -> Mask:
         """Nodes of the grid by which held parts hold pieces that touch none of their faces: parts less than two cells apart move as if
         joined."""
         by_faces: Index = np.zeros(0, np.int64)
@@ -476,7 +476,7 @@ class Pieces:
         return self._held_nodes & apart
 
 
-def _loose(model: Model, mine: NDArray[np.bool_]) -> SceneError:
+def _loose(model: Model, mine: Mask) -> SceneError:
     """The error about a piece of the body, its particles `mine` (n,), that nothing holds: its part, and where it is."""
     particles = model.particles
     size = np.bincount(particles.segment[mine], particles.volume[mine])

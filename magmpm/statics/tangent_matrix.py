@@ -146,19 +146,19 @@ class Sparse:
         return self._order.blocks_of(places)
 
     @cached_property
-    def _own(self) -> NDArray[np.int64]:
+    def _own(self) -> Index:
         """The diagonal block of each node, in the order of elimination: the first of its row."""
         return self._order.fronts.block_first[:-1]
 
     @cached_property
-    def _nodes(self) -> NDArray[np.int64]:
+    def _nodes(self) -> Index:
         """Number (nodes,) of each node, in the order of elimination, among all (planes nodes_per_plane)."""
         node = np.empty(len(self._order.number), np.int64)
         node[self._order.number] = self._layout.free_nodes
         return node
 
     @cached_property
-    def _unknowns(self) -> NDArray[np.int64]:
+    def _unknowns(self) -> Index:
         """Place (3 nodes,) of each unknown, in the order of elimination, among all (planes m)."""
         return (3 * self._nodes[:, None] + np.arange(3)).ravel()
 

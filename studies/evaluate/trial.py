@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
@@ -253,7 +252,7 @@ class Trial:
     best_rms_m: float | None
     improved: bool
     reason: str | None
-    target: NDArray[np.float64]
+    target: Array
     finished: int = 0
     wanted: int = 0
     seconds: float = 0.0
@@ -718,9 +717,7 @@ def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
     return {"stability": 1.0 if outcome.stability is None else margin - outcome.stability}
 
 
-def attributes(
-    outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]
-) -> dict[str, Any]:
+def attributes(outcome: Outcome, scene: Scene, directions: Array, uniform: Array) -> dict[str, Any]:
     """Collect the attributes that are stored of a trial in addition to its parameters and value.
 
     Parameters

@@ -25,10 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.process import DIED, PARTIAL, RAISED, answers, started, with_threads
 from magmpm.effects import acting
 from magmpm.errors import InputError, MagmpmError
+from magmpm.inputs.vectors import Vector
 from magmpm.model import build
 from magmpm.results.whole_file import whole_file, write_json
 from magmpm.rod.cosserat import RodModel, rod_model
@@ -163,7 +164,7 @@ class Tip:
     """Tip in one field: its index; tip (3,) m, stability and Newton steps; or why there is none."""
 
     index: int
-    tip: tuple[float, float, float] | None
+    tip: Vector | None
     stability: float
     steps: int
     failure: str = ""
@@ -226,7 +227,7 @@ class RodTips:
     """Tips of rods in each field: tip (m, 3) m; snapped (m,): on the way to it; other (m, 3) m: tip of another stable shape, or NaN."""
 
     tip: Array
-    snapped: NDArray[np.bool_]
+    snapped: Mask
     other: Array
 
 
@@ -253,7 +254,7 @@ def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
     return RodTips(tip, snapped, _others(rod, fields, shapes, tip, distance))
 
 
-def _relaxed(rod: RodModel, q: Array, fields: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _relaxed(rod: RodModel, q: Array, fields: Array) -> tuple[Array, Mask]:
     """Tips (m, 3) m of rods q (m, n + 1, 4), changed in place, in fields (m, 3) T; and whether they are stable equilibria."""
     m, frames = q.shape[:2]
     position = np.empty((m, frames, 3))
@@ -309,7 +310,7 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, distance: f
     if m < 2:
         return other
     near = np.asarray(cKDTree(fields).query(fields, k=min(5 + 1, m))[1]).reshape(m, -1)[:, 1:]
-    fresh: NDArray[np.bool_] = np.asarray(np.isfinite(tip).all(axis=1))
+    fresh: Mask = np.asarray(np.isfinite(tip).all(axis=1))
     place = tip.copy()  # of what is passed on: its tips; and whether it is new
     while fresh.any():
         now = np.zeros(m, dtype=bool)

@@ -13,6 +13,7 @@ import numpy as np
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
+from magmpm.inputs.vectors import Vector
 from magmpm.model import build
 from magmpm.results.measures import of_particles, tip_of
 from magmpm.scene import Scene
@@ -370,7 +371,7 @@ class Prediction:
 
     def _shape_in(
         self,
-        field: tuple[float, float, float] | None,
+        field: Vector | None,
         apparatus: Apparatus,
         index: int,
         x: Array,

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_lines
 from magmpm.inputs.quantities import KINDS
+from magmpm.inputs.vectors import Vector
 from magmpm.scene import Scene
 from magmpm.scene.apparatus import APPARATUS, OWN, Apparatus, apparatus_of, check_apparatus
 
@@ -66,7 +66,7 @@ _START = (
 
 
 # field (3,) T (None: the scene's own), time s (None: an equilibrium), and the apparatus
-_State = tuple[tuple[float, float, float] | None, float | None, Apparatus]
+_State = tuple[Vector | None, float | None, Apparatus]
 
 
 @dataclass(frozen=True)
@@ -99,9 +99,9 @@ class Readings:
         The axis that has the plane with x in which the angles have a sign.
     """
 
-    field: tuple[float, float, float] | None
+    field: Vector | None
     time: float | None
-    lines: NDArray[np.int64]
+    lines: Index
     s: Array
     points: Array
     angles: Array
@@ -641,7 +641,7 @@ def _within(line: CsvLine, values: dict[str, float], scene: Scene) -> None:
         )
 
 
-def _field_of(values: dict[str, float], scene: Scene) -> tuple[float, float, float] | None:
+def _field_of(values: dict[str, float], scene: Scene) -> Vector | None:
     """The uniform field (T) of a row; components without a column are the scene's."""
     if "field" in values:
         uniform = np.array(scene.field.uniform)

@@ -16,6 +16,7 @@ from magmpm.dynamics.total_lagrangian import TotalMotion, take
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
 from magmpm.fields.dipole import MU0
+from magmpm.inputs.vectors import Vector
 from magmpm.materials import young_modulus
 from magmpm.model import Model, build
 from magmpm.scene import Scene
@@ -366,14 +367,14 @@ def twisting_field(load: float) -> list[float]:
     return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * CATHETER_LENGTH**2)]
 
 
-def block(lower: tuple[float, float, float], upper: tuple[float, float, float]) -> Mesh:
+def block(lower: Vector, upper: Vector) -> Mesh:
     """Make the surface of a block, its triangles facing outward.
 
     Parameters
     ----------
-    lower : tuple[float, float, float]
+    lower : Vector
         A corner.
-    upper : tuple[float, float, float]
+    upper : Vector
         The opposite corner, of larger coordinates.
 
     Returns

@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Mask
 from magmpm.results.measures import centreline_at
 from magmpm.results.result import Result
 
@@ -37,7 +36,7 @@ def gaps(result: Result, target: Array) -> Array:
     return np.asarray(centreline_at(result, _stations(result, target)[0]) - target[:, 1:])
 
 
-def _stations(result: Result, target: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _stations(result: Result, target: Array) -> tuple[Array, Mask]:
     """Arc lengths (m,) m of the axis that are compared with the target, and at which the tip stands in. A table's rounding is no excess."""
     length = result.centreline[-1, 0]
     beyond = target[:, 0] > length * (1 + 1e-6)

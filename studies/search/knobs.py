@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import divided
-from magmpm.inputs.vectors import angles_of, from_angles
+from magmpm.inputs.vectors import Vector, angles_of, from_angles
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.studies.problem.variables import FreeDirection, VaryNumber
@@ -245,8 +245,8 @@ class Turning(Knob):
         By how much it may differ from that.
     """
 
-    across: tuple[float, float, float] | None = None
-    around: tuple[float, float, float] | None = None
+    across: Vector | None = None
+    around: Vector | None = None
     longest: float | None = None
     unit: str = ""
     scale: float = 1.0

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.scene.addresses import Place, written
 from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, Number
 
@@ -314,7 +313,7 @@ class Makeable:
             chosen.append(int(np.argmax(gains)))
         return np.asarray(allowed[sorted(chosen)])
 
-    def _shared(self, requested: Array) -> tuple[Array, NDArray[np.int64]]:
+    def _shared(self, requested: Array) -> tuple[Array, Index]:
         """Shared directions (n, 3) and the group (n,) that each segment is in."""
         group = _merged(requested, self.at_most or len(requested))
         for _ in range(50):
@@ -329,7 +328,7 @@ class Makeable:
         return centers[group], group
 
 
-def _merged(requested: Array, k: int) -> NDArray[np.int64]:
+def _merged(requested: Array, k: int) -> Index:
     """Groups (n,) of unit vectors (n, 3), at most k, by merging the two whose sum loses least of their lengths."""
     group = np.arange(len(requested))
     sums = requested.astype(float).copy()

@@ -8,9 +8,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, written
@@ -258,7 +257,7 @@ def orders(scene: Scene, *, own: bool = False) -> tuple[str, ...]:
     return (pattern,) if own else _orders(pattern)
 
 
-def arrangement(scene: Scene, order: str) -> NDArray[np.int64]:
+def arrangement(scene: Scene, order: str) -> Index:
     """Find which of the scene's segments stands where in an order; magnetized ones stay in sequence among themselves, and plain ones too.
 
     Parameters

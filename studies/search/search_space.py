@@ -19,10 +19,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, put, say
 from magmpm.scene.variables import of_lengths
@@ -612,7 +611,7 @@ class SearchSpace:
                 place = (variable.kind, variable.region)
             rows.setdefault(place, []).append(row)
         count = len(self.scene.regions())
-        places: NDArray[np.int64] = (
+        places: Index = (
             np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
         )
         for turned, at in self.those(SegmentDirection):
