@@ -228,32 +228,32 @@ def tangent(F, cof, J, G, p, stiffness, A):
 
 
 @compiled
+def _entries(F, at):
+    """Entries of F of a group, row by row, as lanes."""
+    return (
+        load(F, at),
+        load(F, at + 8),
+        load(F, at + 16),
+        load(F, at + 24),
+        load(F, at + 32),
+        load(F, at + 40),
+        load(F, at + 48),
+        load(F, at + 56),
+        load(F, at + 64),
+    )
+
+
+@compiled
 def group_determinant(F, at):
     """det F of a group, F (9 8,) from index `at`."""
-    a = load(F, at)
-    b = load(F, at + 8)
-    c = load(F, at + 16)
-    d = load(F, at + 24)
-    e = load(F, at + 32)
-    f = load(F, at + 40)
-    g = load(F, at + 48)
-    h = load(F, at + 56)
-    i = load(F, at + 64)
+    a, b, c, d, e, f, g, h, i = _entries(F, at)
     return determinant_of(a, b, c, d, e, f, g, h, i)
 
 
 @compiled
 def neo_hookean(F, at, J, shear, pressure, P):
     """`stress` P (9 8,) of a group, F from index `at` on. Returns what `stiffest` needs: G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2."""
-    a = load(F, at)
-    b = load(F, at + 8)
-    c = load(F, at + 16)
-    d = load(F, at + 24)
-    e = load(F, at + 32)
-    f = load(F, at + 40)
-    g = load(F, at + 48)
-    h = load(F, at + 56)
-    i = load(F, at + 64)
+    a, b, c, d, e, f, g, h, i = _entries(F, at)
     root = inverse_cube_root(J)
     scale = shear * root * root
     I1 = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i

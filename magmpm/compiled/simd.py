@@ -246,3 +246,21 @@ def inverse_cube_root(x):
 def determinant_of(a, b, c, d, e, f, g, h, i):
     """Determinant of the matrix with these entries, row by row: numbers, or lanes of eight particles."""
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+@compiled
+def cross(a, b):
+    """Product a x b of two triples."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def dot(a, b):
+    """Product a . b of two triples."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def rows(F):
+    """Rows of F (3, 3) as triples: numbers, or lanes of eight particles."""
+    return (F[0, 0], F[0, 1], F[0, 2]), (F[1, 0], F[1, 1], F[1, 2]), (F[2, 0], F[2, 1], F[2, 2])

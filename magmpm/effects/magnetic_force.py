@@ -14,7 +14,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Effect, Records, SceneLike
 from magmpm.effects.hooks import register
-from magmpm.effects.magnetization import add_stress, carried, rotating
+from magmpm.effects.magnetization import add_stress, carried, followed, rotating
 from magmpm.fields.dipole import MU0
 from magmpm.fields.kernels import PLACE
 from magmpm.fields.kernels import curvature as curvature_at
@@ -55,10 +55,8 @@ def force(effect, data, magnet, rho, x, F, f):
     """f += (1/mu0) (grad B)^T F Br, N/m^3."""
     if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
         return
-    m0 = (F[0, 0] * magnet[0] + F[0, 1] * magnet[1] + F[0, 2] * magnet[2]) / MU0
-    m1 = (F[1, 0] * magnet[0] + F[1, 1] * magnet[1] + F[1, 2] * magnet[2]) / MU0
-    m2 = (F[2, 0] * magnet[0] + F[2, 1] * magnet[1] + F[2, 2] * magnet[2]) / MU0
-    f0, f1, f2 = pull_at(effect, data, x, m0, m1, m2)
+    m0, m1, m2 = followed(magnet, F)
+    f0, f1, f2 = pull_at(effect, data, x, m0 / MU0, m1 / MU0, m2 / MU0)
     f[0] += f0
     f[1] += f1
     f[2] += f2
@@ -69,10 +67,8 @@ def softening(effect, data, magnet, rho, x, F, H, M):
     """H -= (1/mu0) grad grad (B . F Br), N/m^4; M[i, 3 j + L] -= (1/mu0) dB_j/dx_i Br_L, N/m^3."""
     if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
         return
-    m0 = (F[0, 0] * magnet[0] + F[0, 1] * magnet[1] + F[0, 2] * magnet[2]) / MU0
-    m1 = (F[1, 0] * magnet[0] + F[1, 1] * magnet[1] + F[1, 2] * magnet[2]) / MU0
-    m2 = (F[2, 0] * magnet[0] + F[2, 1] * magnet[1] + F[2, 2] * magnet[2]) / MU0
-    curvature_at(effect, data, x, m0, m1, m2, -1.0, H)
+    m0, m1, m2 = followed(magnet, F)
+    curvature_at(effect, data, x, m0 / MU0, m1 / MU0, m2 / MU0, -1.0, H)
     G = np.zeros((3, 3))
     gradient_at(effect, data, x, G)
     for i in range(3):

@@ -11,6 +11,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
+from magmpm.compiled.simd import dot
 from magmpm.effects import magnetization as turning
 from magmpm.effects.base import Effect, Records, SceneLike
 from magmpm.effects.hooks import NO_DATA, register
@@ -83,11 +84,7 @@ class MagneticTorque(Effect):
 @compiled
 def energy(effect, data, magnet, rho, x, F):
     """-(1/mu0) B . (F Br), J/m^3."""
-    h = effect.field_over_mu0
-    total = 0.0
-    for i in range(3):
-        total -= h[i] * (F[i, 0] * magnet[0] + F[i, 1] * magnet[1] + F[i, 2] * magnet[2])
-    return total
+    return -dot(effect.field_over_mu0, turning.followed(magnet, F))
 
 
 @compiled
@@ -105,10 +102,8 @@ def varying_energy(effect, data, magnet, rho, x, F):
     if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
         return 0.0
     b0, b1, b2 = field_at(effect, data, x)
-    total = b0 * (F[0, 0] * magnet[0] + F[0, 1] * magnet[1] + F[0, 2] * magnet[2])
-    total += b1 * (F[1, 0] * magnet[0] + F[1, 1] * magnet[1] + F[1, 2] * magnet[2])
-    total += b2 * (F[2, 0] * magnet[0] + F[2, 1] * magnet[1] + F[2, 2] * magnet[2])
-    return -total / MU0
+    m0, m1, m2 = turning.followed(magnet, F)
+    return -(b0 * m0 + b1 * m1 + b2 * m2) / MU0
 
 
 @compiled

@@ -18,7 +18,7 @@ from numba.extending import overload
 
 from magmpm.compiled.arrays import Mask
 from magmpm.compiled.jit import compiled
-from magmpm.compiled.simd import highest, lanes
+from magmpm.compiled.simd import cross, dot, highest, lanes, rows
 from magmpm.effects.base import SceneLike
 
 ROOT_TOLERANCE = (
@@ -45,18 +45,6 @@ def _largest_of(value):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _cross(a, b):
-    """Product a x b of two triples."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@compiled
-def _dot(a, b):
-    """Product a . b of two triples."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled
 def _sum(p, a, q, b, r, c):
     """p a + q b + r c of triples a, b, c."""
     return (
@@ -67,28 +55,22 @@ def _sum(p, a, q, b, r, c):
 
 
 @compiled
-def _rows(F):
-    """Rows of F (3, 3) as triples: numbers, or lanes of eight particles."""
-    return (F[0, 0], F[0, 1], F[0, 2]), (F[1, 0], F[1, 1], F[1, 2]), (F[2, 0], F[2, 1], F[2, 2])
-
-
-@compiled
 def rotation(F):
     """Rows (triples) of R, tr U and det Y, of one particle or of eight. Without meaning where det F <= 0."""
-    a, b, c = _rows(F)
+    a, b, c = rows(F)
     # rows of cof F
-    x = _cross(b, c)
-    y = _cross(c, a)
-    z = _cross(a, b)
-    aa = _dot(a, a)
-    bb = _dot(b, b)
-    cc = _dot(c, c)
-    ab = _dot(a, b)
-    ac = _dot(a, c)
-    bc = _dot(b, c)
-    J = _dot(a, x)
+    x = cross(b, c)
+    y = cross(c, a)
+    z = cross(a, b)
+    aa = dot(a, a)
+    bb = dot(b, b)
+    cc = dot(c, c)
+    ab = dot(a, b)
+    ac = dot(a, c)
+    bc = dot(b, c)
+    J = dot(a, x)
     I1 = aa + bb + cc
-    I2 = _dot(x, x) + _dot(y, y) + _dot(z, z)
+    I2 = dot(x, x) + dot(y, y) + dot(z, z)
     s = 0.5 * (I1 + 3.0)  # at least sqrt(3 I1), which is at least tr U
     for _ in range(MOST_ROOT_STEPS):
         w = s * s - I1
@@ -117,7 +99,7 @@ def rotation(F):
 @compiled
 def _stretch(F, R):
     """U = R^T F as xx, yy, zz, xy, xz, yz."""
-    a, b, c = _rows(F)
+    a, b, c = rows(F)
     x = _sum(R[0][0], a, R[1][0], b, R[2][0], c)
     y = _sum(R[0][1], a, R[1][1], b, R[2][1], c)
     z = _sum(R[0][2], a, R[1][2], b, R[2][2], c)
@@ -155,23 +137,29 @@ def _times(A, v):
 
 
 @compiled
+def followed(magnet, F):
+    """F Br (triple), T, of a particle or of eight: the magnetization that follows all of F."""
+    x, y, z = rows(F)
+    return dot(x, magnet), dot(y, magnet), dot(z, magnet)
+
+
+@compiled
 def carried(magnet, F):
     """Magnetization (triple) of a particle, or of eight, each by its law, T."""
-    R, law, (x, y, z) = rotation(F)[0], magnet[3], _rows(F)
-    m0 = _dot(x, magnet)
-    m1 = _dot(y, magnet)
-    m2 = _dot(z, magnet)
+    R = rotation(F)[0]
+    law = magnet[3]
+    m0, m1, m2 = followed(magnet, F)
     return (
-        m0 + law * (_dot(R[0], magnet) - m0),
-        m1 + law * (_dot(R[1], magnet) - m1),
-        m2 + law * (_dot(R[2], magnet) - m2),
+        m0 + law * (dot(R[0], magnet) - m0),
+        m1 + law * (dot(R[1], magnet) - m1),
+        m2 + law * (dot(R[2], magnet) - m2),
     )
 
 
 @compiled
 def energy(h, magnet, F):
     """-h . m, J/m^3, with m the magnetization by the particle's law; h = B/mu0, A/m, anything with three entries."""
-    return -_dot(h, carried(magnet, F))
+    return -dot(h, carried(magnet, F))
 
 
 @compiled
@@ -182,7 +170,7 @@ def _turning(magnet, F, h):
     g = _sum(h[0], R[0], h[1], R[1], h[2], R[2])
     Y = _inverse(U, s, size)
     b = (magnet[3] * magnet[0], magnet[3] * magnet[1], magnet[3] * magnet[2])
-    return R, U, Y, g, b, _times(Y, _cross(b, g))
+    return R, U, Y, g, b, _times(Y, cross(b, g))
 
 
 @compiled
@@ -190,7 +178,7 @@ def add_stress(h, magnet, F, P):
     """P += d(-h . m)/dF, Pa; arguments as in `energy`, of one particle or of eight."""
     R, _, _, _, b, q = _turning(magnet, F, h)
     for k in range(3):
-        x = _cross(q, R[k])
+        x = cross(q, R[k])
         for i in range(3):
             P[k, i] = P[k, i] + x[i] - h[k] * (magnet[i] - b[i])
 
@@ -205,14 +193,14 @@ def add_tangent(h, magnet, F, A):
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for k in range(3):
         for m in range(3):
-            w = _times(Y, _cross(unit[m], R[k]))
+            w = _times(Y, cross(unit[m], R[k]))
             # -dc, and what dY q has of it
-            turned = _cross(b, _cross(w, g))
-            bent = _cross(w, Uq)
+            turned = cross(b, cross(w, g))
+            bent = cross(w, Uq)
             dY = _sum(R[k][m], q, -q[m], R[k], 1.0, bent)
             dq = _times(Y, (-turned[0] - dY[0], -turned[1] - dY[1], -turned[2] - dY[2]))
             for j in range(3):
-                one = _cross(dq, R[j])
-                other = _cross(q, _cross(w, R[j]))
+                one = cross(dq, R[j])
+                other = cross(q, cross(w, R[j]))
                 for n in range(3):
                     A[3 * j + n, 3 * k + m] += one[n] - other[n]

@@ -104,6 +104,15 @@ def _cell(data, at, axis, y):
 
 
 @compiled
+def _place(data, at, y0, y1, y2):
+    """Cell and place in it, axis by axis, of a point along the table's axes; the coefficients along the second and third axis."""
+    i, r = _cell(data, at, 0, y0)
+    j, s = _cell(data, at, 1, y1)
+    k, t = _cell(data, at, 2, y2)
+    return i, r, j, s, k, t, int(data[at + 7]) + 2, int(data[at + 8]) + 2
+
+
+@compiled
 def _weight(i, t):
     """Cubic B-spline i of a cell's four at t."""
     if i == 0:
@@ -149,11 +158,7 @@ def size_of(data, at):
 def value(data, at, y0, y1, y2):
     """B (3) at a point, T."""
     y0, y1, y2 = _inward(data, at, y0, y1, y2)
-    i, r = _cell(data, at, 0, y0)
-    j, s = _cell(data, at, 1, y1)
-    k, t = _cell(data, at, 2, y2)
-    rows = int(data[at + 7]) + 2
-    columns = int(data[at + 8]) + 2
+    i, r, j, s, k, t, rows, columns = _place(data, at, y0, y1, y2)
     # the row's first two nodes, and its last two
     near = splat(0.0)
     far = splat(0.0)
@@ -174,11 +179,7 @@ def value(data, at, y0, y1, y2):
 def gradient(data, at, y0, y1, y2):
     """dB_i/dy_j (9), row i, T/m."""
     y0, y1, y2 = _inward(data, at, y0, y1, y2)
-    i, r = _cell(data, at, 0, y0)
-    j, s = _cell(data, at, 1, y1)
-    k, t = _cell(data, at, 2, y2)
-    rows = int(data[at + 7]) + 2
-    columns = int(data[at + 8]) + 2
+    i, r, j, s, k, t, rows, columns = _place(data, at, y0, y1, y2)
     near_x = splat(0.0)
     far_x = splat(0.0)
     near_y = splat(0.0)
@@ -209,12 +210,9 @@ def gradient(data, at, y0, y1, y2):
     first = halves(_slope(0, t), _slope(1, t))
     second = halves(_slope(2, t), _slope(3, t))
     u0, u1, u2 = folded(near_z * first + far_z * second)
-    p = data[at + 3]
-    q = data[at + 4]
-    u = data[at + 5]
-    p = p * _within(data, at, 0, y0)
-    q = q * _within(data, at, 1, y1)
-    u = u * _within(data, at, 2, y2)
+    p = _per_cell(data, at, 0, y0)
+    q = _per_cell(data, at, 1, y1)
+    u = _per_cell(data, at, 2, y2)
     # R G R^T: its rows turned, then its columns
     a0, a1, a2 = _outward(data, at, p * x0, q * z0, u * u0)
     b0, b1, b2 = _outward(data, at, p * x1, q * z1, u * u1)
@@ -226,10 +224,10 @@ def gradient(data, at, y0, y1, y2):
 
 
 @compiled
-def _within(data, at, axis, y):
-    """1 inside the box along an axis, 0 beyond: there the value no longer changes."""
+def _per_cell(data, at, axis, y):
+    """Cells per meter along an axis, 1/m; 0 beyond the box, where the value no longer changes."""
     s = (y - data[at + axis]) * data[at + 3 + axis]
-    return 1.0 if 0.0 <= s <= data[at + 6 + axis] - 1.0 else 0.0
+    return data[at + 3 + axis] if 0.0 <= s <= data[at + 6 + axis] - 1.0 else 0.0
 
 
 @compiled
@@ -237,11 +235,7 @@ def curvature(data, at, y0, y1, y2, m0, m1, m2):
     """Second derivatives xx, yy, zz, xy, xz, yz of m . B, T/m^2 times the unit of m."""
     y0, y1, y2 = _inward(data, at, y0, y1, y2)
     m0, m1, m2 = _inward(data, at, m0, m1, m2)
-    i, r = _cell(data, at, 0, y0)
-    j, s = _cell(data, at, 1, y1)
-    k, t = _cell(data, at, 2, y2)
-    rows = int(data[at + 7]) + 2
-    columns = int(data[at + 8]) + 2
+    i, r, j, s, k, t, rows, columns = _place(data, at, y0, y1, y2)
     xx = 0.0
     yy = 0.0
     zz = 0.0
@@ -267,12 +261,9 @@ def curvature(data, at, y0, y1, y2, m0, m1, m2):
                 xy += sa * sb * wd * f
                 xz += sa * wb * sd * f
                 yz += wa * sb * sd * f
-    p = data[at + 3]
-    q = data[at + 4]
-    u = data[at + 5]
-    p = p * _within(data, at, 0, y0)
-    q = q * _within(data, at, 1, y1)
-    u = u * _within(data, at, 2, y2)
+    p = _per_cell(data, at, 0, y0)
+    q = _per_cell(data, at, 1, y1)
+    u = _per_cell(data, at, 2, y2)
     xx = xx * p * p
     yy = yy * q * q
     zz = zz * u * u
