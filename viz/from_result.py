@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.curves import face_normals
 from magmpm.fields.schedule import end_time
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
@@ -264,7 +265,7 @@ def write_stl(result: Any, path: Path) -> Path:
     """Write the deformed surface of a result into a binary STL file, whole or not at all; lengths in mm. Returns the path."""
     surface = deformed_surface(result)
     corners = 1e3 * np.asarray(surface.points, dtype=float)[surface.triangles]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = face_normals(corners)
     rows = np.zeros(len(corners), dtype=TRIANGLE)
     rows["corners"] = corners
     rows["normal"] = across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.curves import linear
 from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
 from magmpm.viz.from_result import segment_arrows
@@ -39,7 +40,7 @@ class InsertionPictures:
         axis = np.array(frame["axis_m"]) + shift
         s = np.linspace(0.0, 1.0, len(axis))
         fine = np.linspace(0.0, 1.0, AXIS_POINTS_DRAWN)
-        line = np.stack([np.interp(fine, s, column) for column in axis.T], axis=1)
+        line = linear(fine, s, axis)
         radius = self.catheter["diameter"] / 2
         surface = swept(line, radius)
         tip = swept(line[-2:] + 1e-3 * radius * (line[-1] - line[-2]), 1e-3 * radius)

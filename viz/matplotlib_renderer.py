@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 
+from magmpm.bodies.curves import face_normals
 from magmpm.viz import style
 from magmpm.viz.camera import View
 from magmpm.viz.drawing import BODY, Layer, outward
@@ -168,7 +169,7 @@ class MatplotlibPanel:
         """Triangles in colors (m, 3), the farthest first. The surface's part (m,) says what is hollow: of that only the far side."""
         corners = surface.points[surface.triangles]
         hollow = surface.part
-        face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        face = face_normals(corners)
         face /= np.maximum(np.linalg.norm(face, axis=1, keepdims=True), 1e-300)
         seen = (face @ self.view.toward > 0) != hollow
         light = self.view.brightness(

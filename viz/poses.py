@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.curves import linear
 from magmpm.scene import Scene
 from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
@@ -89,7 +90,7 @@ def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
     axis_points = 80  # points of an axis as it is drawn
     at = np.linspace(0.0, 1.0, axis_points)
     share = np.linspace(0.0, 1.0, len(axis))
-    line = np.stack([np.interp(at, share, column) for column in axis.T], axis=1)
+    line = linear(at, share, axis)
     faces, flat = _section(scene)
     ends = np.cumsum(scene.body.shape.segment_lengths()) / scene.length  # type: ignore[attr-defined]
     of_piece = np.minimum(np.searchsorted(ends, (at[1:] + at[:-1]) / 2), len(ends) - 1)

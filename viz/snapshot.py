@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from magmpm.bodies.curves import arc_lengths, linear
 from magmpm.errors import length as readable_length
 from magmpm.viz import style
 from magmpm.viz.meshes import TriangleSurface
@@ -187,14 +188,8 @@ class Snapshot:
 
 def spread(points: np.ndarray, most: int = style.TARGET_DOTS) -> np.ndarray:
     """Dots (q, 3) along a line through points (n, 3), as many but at most so many, at equal distances, the first and last among them."""
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    return np.stack(
-        [
-            np.interp(np.linspace(0.0, s[-1], min(len(points), most)), s, column)
-            for column in np.transpose(points)
-        ],
-        axis=1,
-    )
+    s = arc_lengths(points)
+    return linear(np.linspace(0.0, s[-1], min(len(points), most)), s, np.asarray(points))
 
 
 def seconds(time: float, duration: float = 1.0) -> str:

@@ -24,6 +24,7 @@ from pydantic import (
 from magmpm.bodies.body_shape import BodyShape, Discretization, Region
 from magmpm.bodies.contact_solid import NEEDLE, Solids, meets, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, cut, parts_surface
+from magmpm.bodies.curves import face_normals
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.mesh_quadrature import (
     TOUCHING_DISTANCE,
@@ -447,12 +448,7 @@ class Parts(BodyShape):
             pieces = cut(_pieces_near(coarse, held, within), longest)
             places = np.ascontiguousarray((INSIDE @ pieces).reshape(-1, 3))
             on = to_triangles(places, held) <= within
-            thirds = (
-                np.linalg.norm(
-                    np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1
-                )
-                / 6
-            )
+            thirds = np.linalg.norm(face_normals(pieces), axis=1) / 6
             position.append(places[on])
             area.append(np.repeat(thirds, 3)[on])
             region.append(np.full(int(on.sum()), k))

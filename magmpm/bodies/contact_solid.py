@@ -12,6 +12,7 @@ import numpy as np
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.contact_surface import cut
+from magmpm.bodies.curves import face_normals
 from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.compiled.jit import compiled
 
@@ -179,7 +180,7 @@ def _uncovered(triangle: Array, others: Array, within: float, thin: float) -> Ar
     own, flat = (
         (each - triangle[0]) @ frame.T / within for each in (triangle, others)
     )  # Clipper rounds to 1e-8
-    facing = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])[:, 2] < 0
+    facing = face_normals(flat)[:, 2] < 0
     on = flat[facing & (np.abs(flat[:, :, 2]).max(axis=1) < 1.0)]
     if not len(on):
         return triangle[None]

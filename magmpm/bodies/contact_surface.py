@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.bodies.curves import face_normals
 from magmpm.bodies.grid import Grid, each_node, spread
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array, Index, Mask
@@ -134,12 +135,7 @@ def cut(triangles: Array, longest: float) -> Array:
 def mesh_surface(triangles: Array, longest: float) -> tuple[Array, Array]:
     """Corners (n, 3) m of a mesh's triangles (f, 3, 3), cut until no edge exceeds `longest` (m), and a third of their areas (n,) m^2."""
     triangles = cut(triangles, longest)
-    area = (
-        np.linalg.norm(
-            np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
-        )
-        / 2
-    )
+    area = np.linalg.norm(face_normals(triangles), axis=1) / 2
     corners = triangles.reshape(-1, 3)
     _, one, of = np.unique(
         np.round(corners / (1e-6 * longest)).astype(np.int64),

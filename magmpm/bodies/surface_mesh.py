@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ValidationInfo
 
+from magmpm.bodies.curves import face_normals
 from magmpm.bodies.shells import (
     SAME_VERTEX,
     MeshError,
@@ -108,9 +109,7 @@ def write_stl(mesh: Mesh, path: Path) -> None:
     """Write a mesh as binary STL, in its unit."""
     record = np.zeros(len(mesh.faces), _RECORD)
     record["corners"] = mesh.triangles
-    normal = np.cross(
-        mesh.triangles[:, 1] - mesh.triangles[:, 0], mesh.triangles[:, 2] - mesh.triangles[:, 0]
-    )
+    normal = face_normals(mesh.triangles)
     record["normal"] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     path.write_bytes(bytes(80) + len(record).to_bytes(4, "little") + record.tobytes())
 
@@ -327,7 +326,7 @@ def _stored_solid(text: str) -> Manifold:
 def _inward(mesh: Mesh, count: int) -> tuple[Array, Array]:
     """Points (count, 3) of the surface, drawn by area, and unit normals (count, 3) inward there."""
     triangles = mesh.triangles
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal = face_normals(triangles)
     double = np.linalg.norm(normal, axis=1)
     rng = np.random.default_rng(0)
     share = np.cumsum(double) / double.sum()

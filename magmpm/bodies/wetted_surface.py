@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.contact_surface import cut
+from magmpm.bodies.curves import face_normals
 from magmpm.bodies.signed_distance import to_triangles
 from magmpm.compiled.arrays import Array, Index
 
@@ -144,7 +145,7 @@ def wetted_parts(parts: list[Array], component: NDArray[np.integer], cell: float
     for k, mesh in enumerate(parts):
         triangles = cut(mesh, cell)
         middle = np.ascontiguousarray(triangles.mean(axis=1))
-        area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+        area = face_normals(triangles) / 2
         outside = np.linalg.norm(area, axis=1) > 0.0
         for other, corners in enumerate(parts):
             if other != k and component[other] == component[k]:

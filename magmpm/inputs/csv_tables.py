@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, ValidationInfo
 
-from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report, show
 from magmpm.inputs.settings import fault, from_file, named_file
 from magmpm.inputs.user_files import UnfitFile, read_regular
@@ -119,7 +119,7 @@ def table_lines(path: Path, start: str) -> Iterator[CsvLine]:
     raise TableError(f"{path}: {reason}", rule=rule, remedy=remedy)
 
 
-def read_centreline(path: Path | str) -> Array:
+def read_centreline(path: Path | str) -> NDArray[np.float64]:
     """Rows [s, x, y, z] in m, (m, 4), m >= 2, s increasing: arc length of the undeformed body, its point.
 
     The file: a header with the four column names in any order, then numbers in mm; blank lines and lines that begin with # are skipped.
@@ -163,7 +163,7 @@ def _row(line: CsvLine, order: list[int]) -> list[float]:
     return row
 
 
-def write_centreline(path: Path | str, rows: Array, *, comment: str = "") -> None:
+def write_centreline(path: Path | str, rows: NDArray[np.float64], *, comment: str = "") -> None:
     """Writes rows [s, x, y, z] in m, (m, 4), as a table that `read_centreline` reads; comment lines first."""
     lines = [f"# {line}" for line in comment.splitlines()]
     lines.append(",".join(COLUMNS))
