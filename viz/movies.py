@@ -181,7 +181,7 @@ def _even(size: tuple[int, int]) -> None:
 
 
 def _ready(path: str | Path) -> Path:
-    """The path with the ending of what can be written, its folder made."""
+    """Path of the movie, with the ending of a format that can be written here. Its folder is made."""
     path = Path(path).with_suffix(".mp4" if installed("imageio_ffmpeg") else ".gif")
     path.parent.mkdir(parents=True, exist_ok=True)
     return path

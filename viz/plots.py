@@ -277,7 +277,7 @@ def accuracy(
 
 
 def _known(rows: Sequence[Mapping[str, Any]], key: str) -> list[Mapping[str, Any]]:
-    """The rows that have a value of their own."""
+    """Rows that have a positive value of this key."""
     return [row for row in rows if row.get(key) is not None and float(row[key]) > 0]
 
 

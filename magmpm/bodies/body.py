@@ -59,7 +59,7 @@ class Body(Settings):
     @field_validator("catheter", mode="before")
     @classmethod
     def _of_a_tube(cls, catheter: Any) -> Any:
-        """A tube is the catheter with its settings, as files have it."""
+        """Take a Tube, which users make in Python, as the catheter with its settings."""
         return catheter.model_dump(exclude_unset=True) if isinstance(catheter, Tube) else catheter
 
     @model_validator(mode="after")

@@ -63,7 +63,7 @@ class PolarGrid(Grid):
         return weights, slopes
 
     def own(self, points: Array, cell: Index) -> Array:
-        """x, angle and radius (n, 3) of points (n, 3) m; the angle is that near the cell (n, 3)."""
+        """x, angle and radius (n, 3) of points (n, 3) m. Of the angles that differ by full turns, the one nearest to the cell (n, 3)."""
         middle = self.origin[1] + self.spacing[1] * (cell[:, 1] + 0.5)
         turn = np.arctan2(-points[:, 2], points[:, 1]) - middle
         return np.column_stack(

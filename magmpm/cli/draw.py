@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def listed(files: list[Path], note: str) -> list[str]:
-    """Return the files, and say what could not be done as wished."""
+    """Return the paths as text, and print the note on what could not be drawn as requested."""
     if note:
         print(note, file=sys.stderr)
     return [str(path) for path in files]

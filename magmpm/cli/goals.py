@@ -177,7 +177,7 @@ def _keep(rows: list[dict[str, Any]], varied: list[str], out: Path) -> None:
 
 
 def _axis(values: list[Any]) -> tuple[list[float], str | None]:
-    """Values as numbers and their unit, "" where they have none; their places in the list, and None, where they are no such numbers."""
+    """Values as numbers, with their unit ("" without one). Values that are no numbers of one unit become 0, 1, 2 ..., with None."""
     from magmpm.inputs.quantities import divided
 
     parts = [found for value in values if (found := divided(value)) is not None]

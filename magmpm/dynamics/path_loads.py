@@ -92,7 +92,7 @@ class FieldLoads:
         return replace(self._arranged, effects=self._named(time), time=time, touching=touching)
 
     def hold(self, time: float, point: Point) -> bool:
-        """Hold points by friction as an equilibrium of this time presses them. Returns True if that differs from how they were held."""
+        """Let friction hold points as this equilibrium presses them on obstacles. Returns True if that changes what holds them."""
         surface = self._arranged.touching
         if surface is None or not self._rough:
             return False
@@ -117,11 +117,11 @@ class FieldLoads:
             self._begun = was, self.held
 
     def carried(self, grid: Array, before: float, after: float) -> Array:
-        """The same coefficients: the grid stays."""
+        """Return the same coefficients: the grid does not move."""
         return grid
 
     def moved(self, grid: Array, before: float, after: float) -> Array:
-        """The same, with what holds the body where it is at the later time."""
+        """The coefficients after what holds the body has moved to its place at the later time."""
         return self._lift.on(grid, before, after)
 
     def shape(self, time: float, point: Point | None) -> EquilibriumShape:
@@ -247,7 +247,7 @@ class FeedLoads:
         return False
 
     def let_slide(self, point: Point) -> None:
-        """Begin an increment."""
+        """Begin an increment: nothing slides."""
 
     def shape(self, time: float, point: Point | None) -> EquilibriumShape:
         """The whole catheter: what is in the guide is straight, and moved by the push."""

@@ -93,7 +93,7 @@ class StableStep:
 
 
 def stable_step(motion: TotalMotion) -> StableStep:
-    """Bounds for the present state of a motion."""
+    """Find the bounds of the time step for the present state of a motion."""
     model = motion.model
     return StableStep(
         isolated=isolated(model.steepness(), model.shear, model.bulk, model.density),

@@ -237,7 +237,7 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
 
 
 def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
-    """Set a motion back to a checkpoint, with the energies of its frame: its velocities alone, half a step behind, would give others."""
+    """Set a motion back to a checkpoint, and take its energies from there: velocities half a step behind would give others."""
     known = saved.control
     state.motion.restore(saved.state)
     state.control.restore(known)

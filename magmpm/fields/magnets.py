@@ -287,9 +287,9 @@ def parting(box: Box, solid: Solid) -> Array | None:
 
 
 def reach(body: Box, anchored: bool) -> Box:
-    """Box that a body can reach from its undeformed box: a held body, its diagonal from the middle of its lower x face.
+    """Box of all places that a body can reach. A body that is held reaches as far as its diagonal from the middle of its lower x face.
 
-    A free body may go anywhere; its box gets one diagonal on each side, and users may set a larger one.
+    A free body may go anywhere: its box grows by one diagonal on each side, and users may set a larger one.
     """
     diagonal = float(np.linalg.norm(body.upper - body.lower))
     if anchored:

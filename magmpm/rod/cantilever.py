@@ -47,7 +47,7 @@ def kink_warning(scene: Scene) -> str | None:
 
 
 def without_motion(scene: Scene) -> Scene:
-    """The scene as an equilibrium: without the effects that only act in motion. A field without end stays, which no solve takes."""
+    """The scene at rest, without the effects that act only in motion. A field that never ends stays: only rods can be solved in it."""
     named = dict.fromkeys(NO_LOADS)
     solver = scene.solver.model_copy(update={"dynamic": None, "quasi_static": None})
     kept = scene.effects.model_copy(update=named)
@@ -66,13 +66,12 @@ def first_frequency(scene: Scene) -> float:
 
 
 def weight_in_motion(scene: Scene) -> float:
-    """The way (m) that the weight of a body in motion moves it, about: of its rest in the field of some moments, what it reaches of that in
-    time. Raises SolveError where its rod finds no rest."""
-    # of a motion, in equal parts, at whose fields a weight is laid on its rest
-    moments_of_weight = 5
+    """Estimate how far (m) gravity moves a body in motion: its deflection at rest, in the fields of some moments, times the share of it
+    that the body reaches in time. Raises SolveError where its rod finds no equilibrium."""
+    moments = 5  # of the motion, at equal distances
     still = without_motion(scene)
     moved = 0.0
-    for time in np.linspace(0.0, scene.duration, moments_of_weight).tolist():
+    for time in np.linspace(0.0, scene.duration, moments).tolist():
         heavy, light = (
             solve_rod(one, time=time).position for one in (_heavy(still, Gravity()), still)
         )
@@ -88,7 +87,8 @@ def _heavy(scene: Scene, gravity: Gravity) -> Scene:
 
 
 def _reached(scene: Scene) -> float:
-    """Part of its rest that the first bending reaches in the scene's time under a sudden load: x'' + c x' + w^2 (x - 1) = 0."""
+    """Largest share of the deflection at rest that the first bending mode reaches in the scene's time under a sudden load, by
+    x'' + c x' + w^2 (x - 1) = 0."""
     w = first_frequency(scene)
     named = scene.effects
     softest = min(scene.materials[region.material_name].shear_modulus for region in scene.regions())

@@ -238,7 +238,7 @@ def _at_address(scene: Scene, address: str) -> list[Variable]:
 
 
 def _with_formula(scene: Scene, variable: Variable) -> Variable | None:
-    """A variable that has an address as one of a kind whose derivative has a formula; None for others.
+    """Find the kind of a variable, given by its address, whose derivative has a formula; None where none has.
 
     A component i of a direction d, which a scene normalizes, turns it along e_i - d_i d.
     """

@@ -111,7 +111,7 @@ class Variants(Runs):
         return Shift(finer, abs(finer - moved) + GRID * finer / 2)
 
     def frames(self, scene: Scene, finer: int = 0) -> Frames:
-        """Frames of a variant, with so many cells more than the fewest. Raises as `shift`."""
+        """Frames of a variant, on a grid that is finer by so many cells across than the coarsest. Raises as `shift`."""
         return self.answer(scene, self.cells + finer).frames
 
     def _rough(self, scene: Scene, other: Scene) -> bool:
@@ -126,7 +126,10 @@ class Variants(Runs):
         return max(self.frames(scene, finer).distances(self.frames(other, finer)).values())
 
     def made(self, scene: Scene, cells: int) -> Scene:
-        """A variant as it is run, no longer than may be. Raises SolveError if a finer motion would take too long."""
+        """Make the scene of a variant that is run, on so many cells, and shortened where it would take too long.
+
+        Raises SolveError if a finer motion would still take too long.
+        """
         time_of_finer_grid = 5.0  # times the longest, that a motion on a finer grid may take
         # as many as a motion has without output_every: with 25 the peak of a swing fell between two
         frames_of_motion = 100

@@ -59,7 +59,7 @@ class DoneRun:
 
     @property
     def moved(self) -> float:
-        """The farthest that a particle is from where it was, m."""
+        """Largest displacement of a particle along an axis, m."""
         result = self.result
         return float(np.abs(result.particle_position - result.particle_reference).max())
 

@@ -129,9 +129,10 @@ def end_of_path(scene: Scene) -> tuple[Result, Equilibrium]:
 def along_path(
     scene: Scene, folder: Path | str | None = None
 ) -> tuple[Result, Callable[[int], Equilibrium | None]]:
-    """A path's Result, and what gives its equilibrium with a number as the solver found it, None while all of a body is in its guide.
+    """Follow a path. Returns its Result, and a function that gives an equilibrium of the path by its number, as the solver found it.
 
-    folder: where its frames go; None: nowhere. Raises InputError and SolveError as `solve` does.
+    The function gives None while the whole body is in its guide. folder: where frames go; None: nowhere. Raises InputError and SolveError
+    as `solve` does.
     """
     scene.check_energy()
     reached: list[tuple[StaticModel, Point] | None] = []

@@ -98,7 +98,7 @@ def _mm(length: float) -> str:
 
 
 def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
-    """A block at its bound that would go on: slope (size,), change of rms (m) by its coordinates."""
+    """Report a block that is at its bound and would gain beyond it; slope (size,): derivatives of the rms (m) by its coordinates."""
     if isinstance(block, FieldVector):
         strength = float(np.linalg.norm(x))
         gain = -float(slope @ x) / max(strength, 1e-300)  # m/T

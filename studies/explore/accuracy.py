@@ -395,7 +395,7 @@ class Beside:
         self.found: list[NeighborModel] = []
 
     def errors(self, off: Callable[[Array], float]) -> tuple[float, float | None]:
-        """Errors over the length, by the distance (m) from rows: from the finest rung and from the reference, None where there is none."""
+        """Errors over the length against the finest rung and the reference (None without one); off: gives the distance (m) from rows."""
         length = self.scene.length
         reference = None if self.reference is None else off(self.reference) / length
         return off(self.finest) / length, reference

@@ -135,7 +135,7 @@ def _energy(scene: Scene) -> Energy:
 
 
 def _of_solve(scene: Scene, key: str) -> float:
-    """Per cent that an effect between all particles adds to a whole equilibrium: it changes how many steps that takes."""
+    """Per cent by which an effect between all particles lengthens a whole solve, as it also changes the number of steps."""
     others = [name for name in scene.effects.named() if name != key]
     ours = static_model(build(_with(scene, *others, key)))
     plain = static_model(build(_with(scene, *others)))

@@ -235,7 +235,7 @@ def _along_curve(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array
 
 
 def _foot(shape: Axis, axes: list[int], point: Array, fine: Array, curve: Array) -> float:
-    """Arc length of the curve's nearest place: of its samples, then by Newton's method on parabolas' slopes."""
+    """Arc length of the place on a curve that is nearest to a point: the nearest sample, then Gauss-Newton steps along the tangent."""
     s = float(fine[np.argmin(np.sum((curve - point) ** 2, axis=1))])
     for _ in range(8):
         places, _, slopes, _ = shape.at(np.array([s]))

@@ -152,7 +152,7 @@ class GoalFile(Settings):
 
     @property
     def goals(self) -> tuple[Goal, ...]:
-        """All that is sought."""
+        """All goals of the study."""
         return self.goal if isinstance(self.goal, tuple) else (self.goal,)
 
     @property

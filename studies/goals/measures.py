@@ -72,7 +72,7 @@ class Smooth(OneMeasure):
         """Derivatives (k,) at rest, from those of what it is made of."""
 
     def parts(self, answer: Answer, at: str, of: Slopes) -> tuple[Array, Array] | None:
-        """Numbers (m,) of whose squares it is the root of the sum, and their derivatives (m, k); None where there are none."""
+        """Components (m,) of a measure that is the length of a vector, with their derivatives (m, k); None for other measures."""
         return None
 
 

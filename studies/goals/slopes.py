@@ -117,7 +117,7 @@ def values_and_slopes(
 
 
 def stencil(params: Params, name: str, space: FloatDistribution) -> list[tuple[float, Params]]:
-    """Shares of a function at parameters near these, whose sum is its derivative by one of them."""
+    """Weights and nearby parameters: the weighted sum of a function's values there is its derivative by the parameter of this name."""
     return [
         (share, {**params, name: params[name] + way})
         for way, share in shares(params[name], space.low, space.high)

@@ -76,7 +76,7 @@ class Stage:
         return packed(header, arrays)
 
     def _body(self, scene: Scene, shape: DeformedBody) -> tuple[str, DrawnBody]:
-        """The surface of this undeformed body, made at its first sight."""
+        """Name and surface of this undeformed body. A surface is made once and kept."""
         magnetized = np.linalg.norm(scene.region_remanence(), axis=1) > 0
         name = (
             f"{scene.length:.9g}/{len(shape.reference)}/{''.join(str(int(m)) for m in magnetized)}"
