@@ -113,7 +113,7 @@ def _guessed(scene: Scene, shapes: Array) -> float:
 
 
 def _dynamics(scene: Scene, runs: Variants) -> tuple[float, float, str]:
-    """Compare a motion with equilibria along time. Returns their distance (m), the time saved (s), and the advice in words."""
+    """Compare a motion with equilibria along time. Returns their distance (m), the seconds that the path takes, and the advice."""
     moving = runs.frames(scene)
     data = scene.to_si()
     times = moving.times[:: len(moving.times) // 5]
