@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import InputError, MagmpmError, length, quantity
+from magmpm.inputs.messages import Instead
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
 from magmpm.scene import Scene
@@ -153,6 +154,10 @@ class Turn(AtMoment):
     about: Axis = Field(
         default=(0.0, 1.0, 0.0), description="The axis; +y unless given.", examples=[[0, 1, 0]]
     )
+
+    @staticmethod
+    def by_other_keys(key: str, values: Any) -> Instead | None:
+        return Instead("a turn has an axis: write `about: [0, 1, 0]`") if key == "along" else None
 
     def of_answer(self, answer: Answer, at: str) -> float:
         begin, now, share = self._arms(answer, self.moment(answer), at)

@@ -108,6 +108,7 @@ def test_measures_of_a_motion(fallen: Answer) -> None:
     ("measure", "told"),
     [
         ({"position": {"of": "nose"}}, "must be tip, body, or one of"),
+        ({"turn": {"along": [0, 1, 0]}}, r"write `about: \[0, 1, 0\]`"),
         ({"contact_force": {"with": "walls"}}, "no such contact"),
         ({}, "must have one of the keys"),
         ({"strain": {}, "stability": {}}, "must have one of the keys"),
