@@ -24,9 +24,6 @@ from magmpm.viz.snapshot import Snapshot
 # Circles and slanted lines are drawn this many times larger and averaged down; Pillow does not smooth them.
 _OVERSAMPLING = 4
 
-# In units of half their panel's height.
-AXIS_LENGTH = 0.62
-
 
 @dataclass(frozen=True)
 class Sign:
@@ -39,10 +36,11 @@ class Sign:
 
 def compass_arrows(snapshot: Snapshot) -> list[tuple[str, np.ndarray]]:
     """Label and vector (3,) from the compass's origin: the axes, and which way things fall."""
-    arrows = [(name, AXIS_LENGTH * np.eye(3)[i]) for i, name in enumerate("xyz")]
+    axis_length = 0.62  # of half their panel's height
+    arrows = [(name, axis_length * np.eye(3)[i]) for i, name in enumerate("xyz")]
     if snapshot.gravity is not None and np.linalg.norm(snapshot.gravity) > 0:
-        down = AXIS_LENGTH * snapshot.gravity / np.linalg.norm(snapshot.gravity)
-        along = [np.allclose(vector, down, atol=0.1 * AXIS_LENGTH) for _, vector in arrows]
+        down = axis_length * snapshot.gravity / np.linalg.norm(snapshot.gravity)
+        along = [np.allclose(vector, down, atol=0.1 * axis_length) for _, vector in arrows]
         if any(along):
             k = along.index(True)
             arrows[k] = (f"{arrows[k][0]}, g", arrows[k][1])

@@ -17,10 +17,6 @@ from magmpm.viz.camera import Framing, View
 from magmpm.viz.layout import Layout, Panel, Views
 from magmpm.viz.snapshot import Balls, DrawnSolid, Snapshot
 
-THIN_LINE = (
-    2e-3  # of the body's length: a step between flat layers; closer ones would fight for one depth
-)
-
 
 @dataclass(frozen=True)
 class Layer:
@@ -101,8 +97,10 @@ def draw(
     canvas: Canvas, snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: Layout
 ) -> np.ndarray:
     """The snapshot as an image (height, width, 3) uint8 of that width and height."""
+    # of the body's length: a step between flat layers; closer ones would fight for one depth
+    thin_line = 2e-3
     views = Views.of(framing, layout, size[0] / size[1])
-    canvas.clear(size, THIN_LINE * snapshot.length)
+    canvas.clear(size, thin_line * snapshot.length)
     for place, view in zip(layout.mains, views.mains):
         main = canvas.panel(place, view, framing.reach)
         _floor(main, snapshot, framing)

@@ -19,7 +19,6 @@ from magmpm.viz.meshes import TriangleSurface, swept
 from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
 GUIDE = 3.0  # length of the guide that is shown, in diameters
-AXIS_POINTS_DRAWN = 80  # points of an axis as it is drawn
 
 
 @dataclass(frozen=True)
@@ -37,9 +36,10 @@ class InsertionPictures:
 
     def body(self, frame: Mapping[str, Any], shift: np.ndarray) -> TriangleSurface:
         """The part outside the guide; its parts are the catheter's segments."""
+        count = 80  # points of an axis as it is drawn
         axis = np.array(frame["axis_m"]) + shift
         s = np.linspace(0.0, 1.0, len(axis))
-        fine = np.linspace(0.0, 1.0, AXIS_POINTS_DRAWN)
+        fine = np.linspace(0.0, 1.0, count)
         line = linear(fine, s, axis)
         radius = self.catheter["diameter"] / 2
         surface = swept(line, radius)
@@ -49,13 +49,11 @@ class InsertionPictures:
         cap = np.stack(
             [np.full(around, around), np.arange(around), (np.arange(around) + 1) % around], axis=1
         ).astype(np.int32)
-        place = (
-            frame["depth_m"] * (np.arange(AXIS_POINTS_DRAWN - 1) + 0.5) / (AXIS_POINTS_DRAWN - 1)
-        )
+        place = frame["depth_m"] * (np.arange(count - 1) + 0.5) / (count - 1)
         part = self._segments(frame["depth_m"])(place)
         rings = surface.triangles.min(axis=1) // around
         whole = TriangleSurface(
-            surface.points, surface.triangles, part[np.minimum(rings, AXIS_POINTS_DRAWN - 2)]
+            surface.points, surface.triangles, part[np.minimum(rings, count - 2)]
         )
         return TriangleSurface.joined(
             [whole, TriangleSurface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))]

@@ -20,7 +20,6 @@ from magmpm.viz.layout import Panel
 from magmpm.viz.meshes import TriangleSurface
 from magmpm.viz.snapshot import Balls, DrawnSolid, Snapshot
 
-_POINTS_PER_INCH = 72.0
 _DPI = 100.0
 
 
@@ -46,6 +45,7 @@ class MatplotlibPanel:
     """A panel of the figure; what its methods do, viz.drawing.PanelCanvas says."""
 
     def __init__(self, figure: Figure, place: Panel, view: View) -> None:
+        points_per_inch = 72.0
         self.view = view
         width, height = figure.get_size_inches()
         self._axes = figure.add_axes(
@@ -55,10 +55,8 @@ class MatplotlibPanel:
         self._axes.set_ylim(-1.0, 1.0)
         self._axes.set_axis_off()
         # Points (1/72 inch) to a meter: widths of balls and lines are given to matplotlib in points.
-        self._scale = (
-            0.5 * height * (place.top - place.bottom) * _POINTS_PER_INCH / view.half_height
-        )
-        self._line_unit = height * _POINTS_PER_INCH / 900
+        self._scale = 0.5 * height * (place.top - place.bottom) * points_per_inch / view.half_height
+        self._line_unit = height * points_per_inch / 900
 
     def balls(
         self,

@@ -27,9 +27,6 @@ from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Length, Quantity, Width, fault
 from magmpm.inputs.vectors import Vector
 
-# of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a
-# cell
-THINNEST_WALL = 1e-3
 THIN_WALL = "resolution: the tube's wall"  # how the warning of a wall of less than a cell begins
 
 
@@ -98,17 +95,20 @@ class Catheter(StraightBody):
     @field_validator("inner_diameter")
     @classmethod
     def _hollow(cls, inner: float, info: ValidationInfo) -> float:
+        # of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a
+        # cell
+        thinnest_wall = 1e-3
         outer = info.data.get("diameter")
         if outer is not None and not inner < outer:
             raise fault(
                 "the inner diameter must be less than the diameter",
                 f"give less than {1e3 * outer:g} mm, or remove it",
             )
-        if outer is not None and not (outer - inner) / 2 >= THINNEST_WALL * outer * (1 - 1e-9):
+        if outer is not None and not (outer - inner) / 2 >= thinnest_wall * outer * (1 - 1e-9):
             raise fault(
-                f"a tube's wall must be at least {THINNEST_WALL:g} times its diameter thick,"
-                f" {1e3 * THINNEST_WALL * outer:.3g} mm here",
-                f"give at most {1e3 * (1 - 2 * THINNEST_WALL) * outer:g} mm",
+                f"a tube's wall must be at least {thinnest_wall:g} times its diameter thick,"
+                f" {1e3 * thinnest_wall * outer:.3g} mm here",
+                f"give at most {1e3 * (1 - 2 * thinnest_wall) * outer:g} mm",
             )
         return inner
 

@@ -465,7 +465,6 @@ class Material(Settings):
         return ratio
 
 
-MOST_ERROR = 0.5  # of the length: more is no answer at all
 _ERROR = {
     "type": "string",
     "title": "share of the length, or length",
@@ -687,9 +686,10 @@ class Resolution(Settings):
     @field_validator("error")
     @classmethod
     def _error_is_one(cls, error: float | str | None) -> float | str | None:
-        if isinstance(error, float) and not 0.0 < error <= MOST_ERROR:
+        most_error = 0.5  # of the length: more is no answer at all
+        if isinstance(error, float) and not 0.0 < error <= most_error:
             raise fault(
-                f"must be greater than 0 and at most {100 * MOST_ERROR:g} % of the length",
+                f"must be greater than 0 and at most {100 * most_error:g} % of the length",
                 f"this reads as {100 * error:.4g} %; write, say, 1 %",
             )
         return error

@@ -20,14 +20,9 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.several_grids import Runs, expected_step
 
-MOMENTS_OF_PATH = 9  # of a path, in equal parts, at most
-# of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40
-# (tests/benchmarks/advice.py)
-GRID = 0.05
 LONGEST_COARSE_MOTION = (
     2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
 )
-RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
 _WHERE = {
     "walls": "tube or surface",
     "viscosity": "viscosity or branches",
@@ -92,6 +87,9 @@ class Variants(Runs):
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
         """Distance between two variants. Raises SolveError where one has no answer or takes too long, InputError where it can't be run."""
+        # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40
+        # (tests/benchmarks/advice.py)
+        uncertain = 0.05
         small_shift = 0.5  # of the error: a smaller shift is not looked at on another grid
         # of the error: a shift that is no nearer to it is on the same side on every grid
         close_to_error = 0.2
@@ -103,12 +101,12 @@ class Variants(Runs):
             and not self._rough(scene, other)
             and abs(moved - self.error) > close_to_error * self.error
         ):
-            return Shift(moved, GRID * moved)
+            return Shift(moved, uncertain * moved)
         try:
             finer = self._distance(scene, other, 1)
         except SolveError:  # it takes too long, say
             return Shift(moved, moved / 2)
-        return Shift(finer, abs(finer - moved) + GRID * finer / 2)
+        return Shift(finer, abs(finer - moved) + uncertain * finer / 2)
 
     def frames(self, scene: Scene, finer: int = 0) -> Frames:
         """Frames of a variant, on a grid that is finer by so many cells across than the coarsest. Raises as `shift`."""
@@ -130,6 +128,7 @@ class Variants(Runs):
 
         Raises SolveError if a finer motion would still take too long.
         """
+        moments_of_path = 9  # of a path, in equal parts, at most
         time_of_finer_grid = 5.0  # times the longest, that a motion on a finer grid may take
         # as many as a motion has without output_every: with 25 the peak of a swing fell between two
         frames_of_motion = 100
@@ -141,11 +140,11 @@ class Variants(Runs):
                 "time_step": None,
             }
         times = scene.path_times()
-        if len(times) > MOMENTS_OF_PATH:
+        if len(times) > moments_of_path:
             data["solver"]["quasi_static"] = {
                 "at": [
                     times[i]
-                    for i in np.linspace(0, len(times) - 1, MOMENTS_OF_PATH).round().astype(int)
+                    for i in np.linspace(0, len(times) - 1, moments_of_path).round().astype(int)
                 ]
             }
         coarse = Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells)
@@ -160,12 +159,13 @@ class Variants(Runs):
 
 def motion_seconds(scene: Scene) -> float:
     """About what a motion takes on the scene's grid, s."""
+    rate = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
     low, high = scene.box()
     particles = (
         float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
     )
     steps = acting.stable_steps(build(scene)).values()  # viscosity asks for shorter ones
-    return particles * scene.duration / min([expected_step(scene), *steps]) / RATE
+    return particles * scene.duration / min([expected_step(scene), *steps]) / rate
 
 
 def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:

@@ -38,7 +38,6 @@ SHOWN = {
 }
 METRICS = "study:metric_names"  # Optuna's attribute
 CONSTRAINTS = "constraints"  # the attribute that the dashboard reads
-PERIOD = 3.0  # s between two looks for trials without a note
 
 
 def shown(name: str) -> tuple[str, float]:
@@ -247,13 +246,14 @@ class Notes:
                 self._done.add(trial.number)
 
     def _go_on(self) -> None:
+        period = 3.0  # s between two looks for trials without a note
         pause = threading.Event()
         while True:
             try:
                 self.write()
             except Exception:  # a database that is locked or away: notes can wait
-                pause.wait(PERIOD)
-            pause.wait(PERIOD)
+                pause.wait(period)
+            pause.wait(period)
 
     def _report(self) -> dict[str, Any]:
         try:

@@ -31,8 +31,6 @@ from magmpm.studies.search.search_space import SearchSpace
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
-AT_BOUND = 0.999  # share of a bound that counts as being at it
-
 Finding = dict[str, Any]
 
 
@@ -99,10 +97,11 @@ def _mm(length: float) -> str:
 
 def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
     """Report a block that is at its bound and would gain beyond it; slope (size,): derivatives of the rms (m) by its coordinates."""
+    at_bound = 0.999  # share of a bound that counts as being at it
     if isinstance(block, FieldVector):
         strength = float(np.linalg.norm(x))
         gain = -float(slope @ x) / max(strength, 1e-300)  # m/T
-        if strength < AT_BOUND * block.radius or gain <= 0.0:
+        if strength < at_bound * block.radius or gain <= 0.0:
             return None
         says = (
             f"{block.strength} is at its bound, {block.most:g} mT: to first order, each mT"
@@ -111,7 +110,7 @@ def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
         )
         return {"what": "field", "says": says, "bound_T": block.radius, "rms_per_T": -gain}
     if isinstance(block, VariedNumber):
-        at_end = (x[0] > AT_BOUND and slope[0] < 0.0) or (x[0] < 1.0 - AT_BOUND and slope[0] > 0.0)
+        at_end = (x[0] > at_bound and slope[0] < 0.0) or (x[0] < 1.0 - at_bound and slope[0] > 0.0)
         if not at_end:
             return None
         low, high = block.ends

@@ -34,9 +34,6 @@ if TYPE_CHECKING:
     from magmpm.studies.problem.study_file import Robust
 
 SIGMAS = 2.0  # of the rms, above its mean, in the measure
-# of the integral over log t: the trapezoid rule errs by exp(-2 pi^2 / STEP_OF_INTEGRAL), the ends by exp(-REACH_OF_INTEGRAL / 2)
-STEP_OF_INTEGRAL = 0.4
-REACH_OF_INTEGRAL = 70.0
 Found = TypeVar("Found")
 Solve = Callable[
     ..., Result
@@ -126,18 +123,17 @@ class Scatter:
             return float(np.sqrt(total / m) * (1 - relative / 8)), float(
                 np.sqrt(relative / 4 * total / m)
             )
-        u = np.arange(
-            -REACH_OF_INTEGRAL, REACH_OF_INTEGRAL + STEP_OF_INTEGRAL / 2, STEP_OF_INTEGRAL
-        )
+        # log t: the trapezoid rule errs by exp(-2 pi^2 / step), the ends of the range by exp(-reach / 2)
+        step = 0.4
+        reach = 70.0
+        u = np.arange(-reach, reach + step / 2, step)
         t = np.exp(u)[:, None] / total
         wider = 2.0 * t * s**2
         log_phi = -t[:, 0] * rest - np.sum(
             0.5 * np.log1p(wider) + t * along**2 / (1.0 + wider), axis=1
         )
         mean = (
-            STEP_OF_INTEGRAL
-            * float(np.sum(-np.expm1(log_phi) * np.exp(-u / 2)))
-            / (2.0 * np.sqrt(np.pi))
+            step * float(np.sum(-np.expm1(log_phi) * np.exp(-u / 2))) / (2.0 * np.sqrt(np.pi))
         )  # of sqrt(m rms^2 / total)
         mean = min(mean, 1.0)
         return float(mean * np.sqrt(total / m)), float(np.sqrt((1.0 - mean**2) * total / m))

@@ -39,14 +39,11 @@ from magmpm.statics.layout import static_model
 LADDER = (2, 3, 4, 5, 6, 8)
 GOALS = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
 
-USUAL_CELLS = 4
-MORE_PARTICLES = 3
 SHIFTS = (
     (0.25, 0.25),
     (0.5, 0.5),
     (0.75, 0.25),
 )  # of a cell: other places of the body's axis against the grid
-CELLS_OF_MOTIONS = 2  # cells across, on which motions are compared
 
 Solve = Callable[[Scene], Result]
 Progress = Callable[[int, int, str], None]
@@ -412,6 +409,8 @@ class Beside:
 
     def other_models(self) -> None:
         """The rod, and what more particles and another place of the grid change at the usual cells; of equilibria only."""
+        more_particles = 3
+        usual_cells = 4
         scene = self.scene
         if not scene.static or scene.in_time or scene.body.shape.line is None:
             return
@@ -424,14 +423,14 @@ class Beside:
             seconds = perf_counter() - begun
             errors = self.errors(lambda rows: farthest(rod.at(rows[:, 0]), rows[:, 1:]))
             self.found.append(NeighborModel("rod", seconds, *errors))
-        cells = {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}
-        more = Scene.from_si({**scene.with_cells(USUAL_CELLS).to_si(), "resolution": cells})
-        name = f"{MORE_PARTICLES} particles a cell along each direction, at {USUAL_CELLS} cells"
+        cells = {"cells_across": usual_cells, "particles_per_cell": more_particles}
+        more = Scene.from_si({**scene.with_cells(usual_cells).to_si(), "resolution": cells})
+        name = f"{more_particles} particles a cell along each direction, at {usual_cells} cells"
         try:
             self.add(name, timed(more, self.solve))
         except SolveError as error:
             self.failed[name] = error
-        self._shifted(scene.with_cells(USUAL_CELLS))
+        self._shifted(scene.with_cells(usual_cells))
 
     def _shifted(self, scene: Scene) -> None:
         """The worst of some other places of a catheter's axis against the grid: where the grid lies is no part of the physics."""
@@ -463,12 +462,12 @@ class Beside:
         self.found.append(NeighborModel(name, median(times), *self.errors(worst)))
 
     def settled(self) -> None:
-        """The same answer as a motion that settles, at CELLS_OF_MOTIONS cells: with its time step, and with half of it.
+        """The same answer as a motion that settles, at two cells across: with its time step, and with half of it.
 
         Of a scene that moves, its own motion in the same ways. Nothing where the materials have no density.
         """
-        cells = f"at {CELLS_OF_MOTIONS} cells"
-        coarse = self.scene.with_cells(CELLS_OF_MOTIONS)
+        cells = "at 2 cells"
+        coarse = self.scene.with_cells(2)
         motion = _settling(coarse) if coarse.static and not coarse.in_time else coarse
         if motion is None or motion.solver.dynamic is None:
             return

@@ -26,8 +26,6 @@ from magmpm.statics.equilibrium import Following
 from magmpm.studies.fitting.constants import Constant, applied, chain
 from magmpm.studies.fitting.table import Measurements, Readings
 
-MOTION_DIFFERENCE = 0.01  # of x, for the central differences of motions: 1 % of a modulus
-
 
 @dataclass(frozen=True)
 class Label:
@@ -395,12 +393,13 @@ class Prediction:
         return Axis(result.centreline, tip_of(result), near.centreline @ per_x, near.tip @ per_x)
 
     def _in_motion(self, x: Array, slopes: bool) -> tuple[Array, Array]:
+        half = 0.01  # of x, of the central differences: 1 % of a modulus
         residuals = self._moved(x)
         if not slopes:
             return residuals, np.zeros((len(residuals), 0))
         columns = [
-            (self._moved(x + step) - self._moved(x - step)) / (2 * MOTION_DIFFERENCE)
-            for step in MOTION_DIFFERENCE * np.eye(len(x))
+            (self._moved(x + step) - self._moved(x - step)) / (2 * half)
+            for step in half * np.eye(len(x))
         ]
         return residuals, np.stack(columns, axis=1)
 

@@ -47,7 +47,6 @@ INTERRUPTED = "interrupted"
 CONVERGED = "converged"
 SKIPPED = "skipped"  # whether a pruned trial was not run, as it breaks a bound anyway
 CONTACTS = ("ground", "walls", "self_contact")  # effects in which things touch
-PARTS_OF_MOTION = 10  # of a motion's time, after each of which a trial may be pruned
 
 
 def sampler(study: GoalStudy, workers: int, designs: int) -> BaseSampler:
@@ -352,6 +351,7 @@ class _Seeking:
 
     def _pruner(self, trial: Trial, job: evaluate.Job) -> Callable[[int, float], None]:
         """Return what a motion calls as it goes on: it raises _Hopeless where the goal so far is worse than that of half the trials."""
+        parts_of_motion = 10  # of a motion's time, after each of which a trial may be pruned
         scene = Scene.from_si(job.scene)
         seen = 0
         key = next(iter(job.measures))
@@ -359,8 +359,8 @@ class _Seeking:
 
         def look(step: int, now: float) -> None:
             nonlocal seen
-            part = int(PARTS_OF_MOTION * now / scene.duration)
-            if part <= seen or part >= PARTS_OF_MOTION:
+            part = int(parts_of_motion * now / scene.duration)
+            if part <= seen or part >= parts_of_motion:
                 return
             seen = part
             with suppress(InputError):  # no frame yet, or none that is whole

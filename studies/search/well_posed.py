@@ -23,9 +23,6 @@ from magmpm.studies.search.parameters import (
 )
 from magmpm.studies.search.search_space import SearchSpace
 
-DESIGNS_TRIED = 3
-# of the length: a whole step of a variable that moves the shape less than this moves nothing
-MOVES_NOTHING = 1e-5
 # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of
 # 40 mm
 LEAST_SEEN_IN_TARGET = 1e-5
@@ -71,13 +68,15 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
     InputError
         Where no variable moves the shape.
     """
+    # of the length: a whole step of a variable that moves the shape less than this moves nothing
+    moves_nothing = 1e-5
     found = identifiability(study, space)
     if found is None:
         return []
     length = space.scene.length
-    if found.moves.max() < MOVES_NOTHING * length:
+    if found.moves.max() < moves_nothing * length:
         most = 1e3 * found.moves.max()
-        least = 1e3 * MOVES_NOTHING * length
+        least = 1e3 * moves_nothing * length
         count = (
             f"{len(found.moves)} variable{'s that move' if len(found.moves) > 1 else ' that moves'}"
         )
@@ -159,13 +158,14 @@ def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
         What moves the shape; None where the rod finds no equilibrium, or there are only
         choices.
     """
+    designs_tried = 3
     # directions of a set have no derivatives
     rng = np.random.default_rng(2024)
     space = replace(space, limits=None)
     moves = []
     seen = []
     shapes = _shapes(study, space)
-    for _ in range(4 * DESIGNS_TRIED):
+    for _ in range(4 * designs_tried):
         try:
             J = _jacobian(space, space.nearest(space.drawn(rng)), shapes)
         except (SolveError, InputError):
@@ -182,7 +182,7 @@ def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
                 )
             )
         )
-        if len(seen) * len(shapes) >= DESIGNS_TRIED or seen[-1] == space.freedom:
+        if len(seen) * len(shapes) >= designs_tried or seen[-1] == space.freedom:
             break
     return Identifiability(np.max(moves, axis=0), space.freedom, max(seen)) if seen else None
 

@@ -15,7 +15,6 @@ WORDS = {
     "schedule": "shapes at given times",
     "shape": "one target shape",
 }
-LONGEST_TEXT = 60_000  # characters of a file or a definition on the page
 
 
 def heading(facts: Mapping[str, Any]) -> Markup:
@@ -340,7 +339,8 @@ def _folded(title: str, content: Markup) -> Markup:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + "\n... (shortened)"
+    longest_text = 60_000  # characters of a file or a definition on the page
+    return text if len(text) <= longest_text else text[:longest_text] + "\n... (shortened)"
 
 
 def _mm(value: float | None) -> str:

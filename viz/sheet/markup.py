@@ -17,7 +17,6 @@ BEGINS = {
     ".svg": (b"<?xml", b"<svg"),
     ".gif": (b"GIF8",),
 }  # of a file that is what its name says
-MOST_EMBEDDED_BYTES = 32_000_000  # bytes of a picture or movie within a page
 
 
 class PictureError(MagmpmError):
@@ -109,8 +108,9 @@ def data_uri(path: Path) -> str:
 
 def _read(path: Path) -> bytes:
     """A regular file of a bounded size. Raises OSError."""
-    if not path.is_file() or path.stat().st_size > MOST_EMBEDDED_BYTES:
-        raise OSError(0, f"must be a file of at most {MOST_EMBEDDED_BYTES // 1_000_000} MB")
+    most_embedded_bytes = 32_000_000  # bytes of a picture or movie within a page
+    if not path.is_file() or path.stat().st_size > most_embedded_bytes:
+        raise OSError(0, f"must be a file of at most {most_embedded_bytes // 1_000_000} MB")
     return path.read_bytes()
 
 

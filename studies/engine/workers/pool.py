@@ -18,7 +18,6 @@ from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trial import Outcome
 
 PROCESSES_PER_DESIGN = 2  # processes that a design may end before it counts as failed
-FAILED_STARTS = 3  # processes in a row that may end before they are ready
 SECRETS = ("MAGMPM_STORAGE", "PGPASSWORD", "PGPASSFILE")  # of the storage, which workers do not see
 
 
@@ -122,10 +121,11 @@ class Pool:
 
     def _replaced(self, worker: _Worker, how: str) -> str | None:
         """Start a process anew that has ended, with the same design; or say why the design is given up."""
+        failed_starts = 3  # processes in a row that may end before they are ready
         self.deaths += 1
         self._failed_starts += not worker.ready
-        if self._failed_starts >= FAILED_STARTS:
-            rule = f"worker processes must start; {FAILED_STARTS} in a row {how}"
+        if self._failed_starts >= failed_starts:
+            rule = f"worker processes must start; {failed_starts} in a row {how}"
             remedy = "see that there is memory for them, or use --workers 1"
             raise WorkersError(report("--workers", rule=rule, remedy=remedy))
         worker.tries += worker.ready
