@@ -20,16 +20,13 @@ from magmpm.viz.picture_file import save_image
 from magmpm.viz.snapshot import Snapshot, seconds
 from magmpm.viz.worker import Renderer
 
-# frames looked at for the moment that tells most
-_LOOKS = 200
-
 
 def moments(motion: MotionRenderer) -> list[int]:
     """Numbers of the first frame, of the last, and of the one between that is most unlike both.
 
     Unlike: by the root mean square of what particles have moved. What closes and opens again is shown closed; what goes one way, halfway.
     """
-    looks = chosen(len(motion), _LOOKS)
+    looks = chosen(len(motion), 200)
     some = chosen(len(motion.body.reference), 2000)
     places = (motion.motion.position(int(k))[some].astype(float) for k in looks)
     first, last = (motion.motion.position(int(k))[some].astype(float) for k in looks[[0, -1]])

@@ -21,12 +21,6 @@ from magmpm.viz.meshes import TriangleSurface
 from magmpm.viz.obstacles import REACH_OF_VIEW, in_reach, sources, standing
 from magmpm.viz.snapshot import Balls, Snapshot, spread
 
-MAX_PARTICLES = 40_000
-
-# How deep below the surface particles are kept, in their own sizes: the rest cannot be seen.
-
-# Particles of less than this share of a whole one's volume are not drawn.
-
 
 class Still(MotionRenderer):
     """A result of statics drawn as a motion is, with a smooth surface and what stands around it: one snapshot."""
@@ -99,7 +93,7 @@ def trial_snapshot(
     trial: int | None = None,
     rms: float | None = None,
     title: str | None = None,
-    max_particles: int = MAX_PARTICLES,
+    max_particles: int = 40_000,
     smooth: bool = False,
 ) -> Snapshot:
     """A result with its axis, its target, one arrow a segment, and insets.

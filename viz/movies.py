@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 NO_FFMPEG = f"imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: {install('render')}."
 
 MOST_FRAMES_SHOWN = 500
-_HOLD = 1.0  # s that the last moment stands
 
 # Seconds that a best shape stands still, and that the last one stands.
 _SHAPE = 0.7
@@ -93,13 +92,14 @@ def frames_movie(
     fps: float | None = None,
 ) -> Movie:
     """The frames of those numbers as a movie, mp4 or GIF; image: a frame's picture (h, w, 3) uint8."""
+    hold = 1.0  # s that the last moment stands
     path = _ready(path)
     fps = fps or rate(len(numbers))
     if path.suffix == ".gif":
         few = chosen(len(numbers), 40)
         each = len(numbers) / fps / len(few)
         return _write_gif(
-            (image(int(k)) for k in numbers[few]), path, [each] * (len(few) - 1) + [_HOLD]
+            (image(int(k)) for k in numbers[few]), path, [each] * (len(few) - 1) + [hold]
         )
     first = image(int(numbers[0]))
 
@@ -109,7 +109,7 @@ def frames_movie(
         for k in numbers[1:]:
             last = image(int(k))
             yield last
-        yield from itertools.repeat(last, round(_HOLD * fps))
+        yield from itertools.repeat(last, round(hold * fps))
 
     return _write_mp4(shown(), path, round(fps), (first.shape[1], first.shape[0]))
 

@@ -13,7 +13,6 @@ from pathlib import Path
 _SUPERBLOCK = struct.Struct(
     "<8s4B4Q"
 )  # signature; version, sizes of offsets and lengths, flags; base, extension, end, root
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _IN_ORDER = 5  # open for writing, in the single-writer mode
 _WORD = 0xFFFFFFFF
 
@@ -48,12 +47,13 @@ def unmark(path: Path) -> bool:
 
 def _read(path: Path) -> tuple[bytes, int, int, int, int, int, int, int, int] | None:
     """Fields of a superblock that is whole and of version 3, else None."""
+    signature = b"\x89HDF\r\n\x1a\n"
     with path.open("rb") as file:
         block = file.read(_SUPERBLOCK.size + 4)
     if len(block) < _SUPERBLOCK.size + 4 or block[-4:] != struct.pack("<I", lookup3(block[:-4])):
         return None
     fields = _SUPERBLOCK.unpack(block[:-4])
-    return fields if fields[:4] == (_SIGNATURE, 3, 8, 8) else None
+    return fields if fields[:4] == (signature, 3, 8, 8) else None
 
 
 def lookup3(data: bytes) -> int:

@@ -20,9 +20,6 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.several_grids import Runs, expected_step
 
-LONGEST_COARSE_MOTION = (
-    2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
-)
 _WHERE = {
     "walls": "tube or surface",
     "viscosity": "viscosity or branches",
@@ -74,9 +71,7 @@ class Variants(Runs):
     error: m, that the answer may have, what the scene requests unless given; longest: s, that a motion may take about.
     """
 
-    def __init__(
-        self, scene: Scene, error: float | None = None, longest: float = LONGEST_COARSE_MOTION
-    ) -> None:
+    def __init__(self, scene: Scene, error: float | None = None, longest: float = 2.0) -> None:
         super().__init__(scene)
         self.error = error or scene.allowed_error
         self.longest = longest

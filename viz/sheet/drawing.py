@@ -18,7 +18,6 @@ from magmpm.viz import style
 # of the drawing and its margins, px
 DRAWING_WIDTH = 860.0
 LEFT = 96.0
-RIGHT = 150.0
 NARROW = 30.0  # px: a segment in which its number finds room
 
 VIEWS = (
@@ -33,7 +32,7 @@ TOWARD = {
 
 def drawing(body: Mapping[str, Any]) -> str:
     """The drawing of a body (studies.sheet.facts.describe_body) as the text of an SVG element."""
-    scale = (DRAWING_WIDTH - LEFT - RIGHT) / body["length_m"]
+    scale = (DRAWING_WIDTH - LEFT - 150.0) / body["length_m"]
     sizes = _sizes(body)
     heights, thicker = _heights(sizes, scale)
     parts = []
