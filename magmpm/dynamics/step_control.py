@@ -8,6 +8,9 @@ Explicit steps are stable while dt < 2 / omega of the fastest oscillation (Haire
   its reference side.
 * wave: width of the smallest cell over the speed of pressure waves, h / c. Not a bound by itself; printed for comparison.
 * body: 2 / omega of the whole body at its present deformation, by Lanczos iteration: it limits the step, up to twice `isolated`.
+* viscosity: its stress is that of velocities one step old. With mass M, stiffness K and viscous matrix C no motion grows while
+  M - dt C/2 - dt^2 K/4 is positive definite (the energy v M v + u K u of each step then bounds the next), so with the fastest decay r of
+  M^-1 C, by Lanczos iteration as well, while (dt / body)^2 + r dt / 2 < 1.
 
 In a field that turns or swings, or where what holds the body swings, a step is also at most 1/20 of the period (schedule). This is not for
 stability: with longer steps, the sampled field would seem to change more slowly than it does, or not at all.
@@ -59,22 +62,24 @@ RESERVE = 0.95  # of the bound: a step above it asks for a new bound
 
 @dataclass(frozen=True)
 class StableStep:
-    """Bounds in s. `effects`: by effect; `schedule`: of the field's schedule; `largest`: the smallest bound, which counts."""
+    """Bounds in s. `effects`, `viscous`: by effect; `schedule`: of the field's schedule; `largest`: the smallest bound, which counts."""
 
     isolated: float
     wave: float
     body: float
     effects: dict[str, float]
+    viscous: dict[str, float]
     schedule: float | None = None
 
     @property
     def largest(self) -> float:
         """Largest stable step, s."""
-        return self.largest_beside(self.body)
+        return self.largest_beside(self.body, self.viscous)
 
-    def largest_beside(self, body: float) -> float:
-        """Largest stable step, s, with another bound for the body."""
-        return min([body, *self.effects.values(), *self._of_schedule.values()])
+    def largest_beside(self, body: float, viscous: dict[str, float]) -> float:
+        """Largest stable step, s, with other bounds for the body and its viscosity."""
+        others = self.effects | viscous | self._of_schedule
+        return min([body, *others.values()])
 
     @property
     def named(self) -> dict[str, float]:
@@ -84,6 +89,7 @@ class StableStep:
             "wave": self.wave,
             "body": self.body,
             **self.effects,
+            **self.viscous,
             **self._of_schedule,
         }
 
@@ -95,11 +101,15 @@ class StableStep:
 def stable_step(motion: TotalMotion) -> StableStep:
     """Find the bounds of the time step for the present state of a motion."""
     model = motion.model
+    body = body_step(motion)
+    viscous = viscous_step(motion, body)
+    alone = acting.stable_steps(model).items()
     return StableStep(
         isolated=isolated(model.steepness(), model.shear, model.bulk, model.density),
         wave=float(model.grid.spacing.min() / speed_of_sound(model).max()),
-        body=body_step(motion),
-        effects=acting.stable_steps(model),
+        body=body,
+        effects={key: step for key, step in alone if key not in viscous},
+        viscous=viscous,
         schedule=_of_schedule(model),
     )
 
@@ -142,22 +152,46 @@ def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
 
 def body_step(motion: TotalMotion) -> float:
     """2 / omega of the fastest oscillation of the body about its present shape, s."""
-    tight = 1e-3  # relative tolerance of the body's largest eigenvalue
+    scale = 1e-6 * float(motion.model.grid.spacing.min())
+    rest = motion.acceleration(motion.u)
+
+    def returning(z: Array) -> Array:
+        size = scale / np.abs(z).max()
+        return np.asarray((rest - motion.acceleration(motion.u + size * z)) / size)
+
+    return float(2.0 / np.sqrt(_fastest(motion, returning)))
+
+
+def viscous_step(motion: TotalMotion, body: float) -> dict[str, float]:
+    """Largest stable step, s, of the body's viscosity beside its elastic stress, by the effect's key; body: their step without it, s.
+
+    {} where there is no such stress.
+    """
+    named = motion.model.scene.effects.viscosity
+    if named is None or named.viscosity == 0.0:
+        return {}
+    records = named.records(motion.model.scene)
+    still = motion.slowed(np.zeros_like(motion.v), records)
+    rate = _fastest(motion, lambda z: still - motion.slowed(z, records))
+    quarter = rate * body / 4.0
+    return {named.key(): body * (math.hypot(1.0, quarter) - quarter)}
+
+
+def _fastest(motion: TotalMotion, returning: Callable[[Array], Array]) -> float:
+    """Largest eigenvalue of what gives back accelerations (3 nodes,) for displacements or velocities, linearly; M times it is symmetric."""
+    tight = 1e-3  # relative tolerance of the largest eigenvalue
     inverse = motion.packed.nodes.inverse_mass.reshape(-1, 3)
     mass = motion.packed.mass
     free = np.flatnonzero(inverse.ravel() > 0)
-    scale = 1e-6 * float(motion.model.grid.spacing.min())
-    rest = motion.acceleration(motion.u)
 
     def whole(z: Array) -> Array:
         nodal = np.zeros(inverse.size)
         nodal[free] = z
         return nodal.reshape(-1, 3)
 
-    def stiffness_product(z: Array) -> Array:
-        size = scale / np.abs(z).max()
-        change = rest - motion.acceleration(motion.u + size * whole(z).ravel())
-        return np.asarray(mass.momentum(change.reshape(-1, 3)).ravel()[free] / size)
+    def product(z: Array) -> Array:
+        back = returning(whole(z).ravel())
+        return np.asarray(mass.momentum(back.reshape(-1, 3)).ravel()[free])
 
     begin = np.random.default_rng(0).standard_normal(
         len(free)
@@ -171,7 +205,7 @@ def body_step(motion: TotalMotion) -> float:
         return LinearOperator((len(free), len(free)), matvec=product, dtype=float)
 
     largest = eigsh(
-        operator(stiffness_product),
+        operator(product),
         M=operator(lambda z: mass.momentum(whole(z)).ravel()[free]),
         Minv=operator(lambda z: mass.accelerated(whole(z), inverse).ravel()[free]),
         k=1,
@@ -181,7 +215,7 @@ def body_step(motion: TotalMotion) -> float:
         ncv=min(len(free), 24),
         return_eigenvectors=False,
     )[0]
-    return float(2.0 / np.sqrt(largest * (1.0 + tight)))
+    return float(largest * (1.0 + tight))
 
 
 def _of_schedule(model: Model) -> float | None:
@@ -258,6 +292,7 @@ class StepControl:
         self._stable = stable
         self._options = options
         self._bound = stable.body
+        self._viscous = stable.viscous
         self._stiffness = float(stiffness(motion.model, motion.particles()[2]).max())
         self._longest = options.time_step or options.safety * stable.largest
         self._halvings = 0
@@ -269,7 +304,7 @@ class StepControl:
             self._drift = Drift(loses(motion.model))
         self._set_watch()
 
-    def state(self) -> dict[str, float | str]:
+    def state(self) -> dict[str, Any]:
         """Plain numbers and text that `restore` needs."""
         drift = (
             {}
@@ -278,6 +313,7 @@ class StepControl:
         )
         return drift | {
             "bound": self._bound,
+            "viscous": self._viscous,
             "stiffness": self._stiffness,
             "halvings": self._halvings,
             "step": self.step,
@@ -288,6 +324,7 @@ class StepControl:
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
         self._bound = state["bound"]
+        self._viscous = state.get("viscous", self._viscous)
         self._stiffness = state["stiffness"]
         self._halvings = int(state["halvings"])
         self.step = state["step"]
@@ -385,8 +422,9 @@ class StepControl:
     def _find_bound(self) -> Trouble | None:
         """Find the bound for the present shape of the body."""
         self._bound = body_step(self._motion)
+        self._viscous = viscous_step(self._motion, self._bound)
         self._stiffness = float(self._motion.watch[HIGHEST])
-        largest = self._stable.largest_beside(self._bound)
+        largest = self._stable.largest_beside(self._bound, self._viscous)
         if self._options.time_step is not None and self.step > largest:
             return self._trouble(
                 f"the stable time step has dropped to {largest:.3g} s (the body has stiffened)"
@@ -399,7 +437,7 @@ class StepControl:
     def _choose(self) -> None:
         """Choose the step from the present bound and number of halvings."""
         if self._options.time_step is None:
-            largest = self._stable.largest_beside(self._bound)
+            largest = self._stable.largest_beside(self._bound, self._viscous)
             allowed = (
                 self._longest
                 if self._longest <= RESERVE * largest
@@ -412,9 +450,9 @@ class StepControl:
 
     def _set_watch(self) -> None:
         reserve = RESERVE if self._options.time_step is None else 1.0
-        self._motion.watch[LIMIT] = self._stiffness * max(
-            (reserve * self._bound / self.step) ** 2, 1.01
-        )
+        growth = [(reserve * self._bound / self.step) ** 2]
+        growth += [reserve * step / self.step for step in self._viscous.values()]
+        self._motion.watch[LIMIT] = self._stiffness * max(min(growth), 1.01)
         self._motion.watch[SHARE] = MOST_CHANGE_OF_STIFFNESS
 
     def _trouble(self, cause: str) -> Trouble:

@@ -124,6 +124,28 @@ def test_a_stiffer_body_takes_shorter_steps_before_they_are_too_long() -> None:
     assert pulled.control.step <= step_control.body_step(pulled.motion)
 
 
+@pytest.mark.parametrize("viscosity", [20.0, 1000.0])
+def test_the_step_of_a_viscous_body_is_the_largest_stable_one(
+    viscosity: float, rng: np.random.Generator
+) -> None:
+    """Small random velocities die away in steps just below the bound. Above it, where viscosity sets it, they grow by 1 - r dt = -1.1 a
+    step; where both do, the bound is safe by up to its share of the other (M - dt C/2 - dt^2 K/4 is of no one mode)."""
+    loss = {"viscosity": {"viscosity": viscosity}}
+    motion = TotalMotion(build(moving(rod_scene(length=8e-3), loss)))
+    start = 1e-6 * rng.standard_normal(len(motion.v)) * (motion.packed.nodes.inverse_mass > 0)
+    stable = step_control.stable_step(motion)
+    assert stable.largest == stable.viscous["viscosity"] < stable.body
+    grown = []
+    for share in (0.99, 1.05 if viscosity > 500 else 2.0):
+        motion.u[:] = 0.0
+        motion.v[:] = start
+        before = motion.kinetic_energy()
+        motion.advance(400, share * stable.largest, motion.model.effects)
+        grown.append(motion.kinetic_energy() / before)
+    assert grown[0] < 1.0
+    assert grown[1] > 1e3
+
+
 def test_a_step_of_the_scene_is_kept_or_refused() -> None:
     """It is never changed: if it is too long, the motion ends, with the key to change."""
     moved = crushed()
