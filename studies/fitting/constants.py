@@ -232,6 +232,8 @@ def _made(scene: Scene, kind: str) -> list[Constant] | str:
                 " ...}`, and a table with t_ms"
             )
         effect = getattr(scene.effects, kind, None)
+        if getattr(effect, "loss_factor", None) is not None:
+            return _at_address(scene, "effects.viscosity.loss_factor")
         if effect is None or getattr(effect, key) <= 0:
             return f"the scene names no {kind}; name it with a first guess"
         return _started(scene, [Variable(kind, kind, unit, ("effects", kind, key))])

@@ -284,6 +284,7 @@ class Prediction:
     solves: int = 0
     labels: list[Label] = field(default_factory=list)
     _found: dict[tuple[bytes, bool], tuple[Array, Array, list[Label]]] = field(default_factory=dict)
+    _motions: dict[bytes, tuple[Array, list[Label]]] = field(default_factory=dict)
     _last: dict[int, Array] = field(default_factory=dict)
     _following: Following = field(
         default_factory=lambda: Following(lambda rod: None, with_stability=False)
@@ -394,17 +395,19 @@ class Prediction:
 
     def _in_motion(self, x: Array, slopes: bool) -> tuple[Array, Array]:
         half = 0.01  # of x, of the central differences: 1 % of a modulus
-        residuals = self._moved(x)
+        if x.tobytes() not in self._motions:
+            self._motions[x.tobytes()] = self._moved(x)
+        residuals, self.labels = self._motions[x.tobytes()]
         if not slopes:
             return residuals, np.zeros((len(residuals), 0))
         columns = [
-            (self._moved(x + step) - self._moved(x - step)) / (2 * half)
+            (self._moved(x + step)[0] - self._moved(x - step)[0]) / (2 * half)
             for step in half * np.eye(len(x))
         ]
         return residuals, np.stack(columns, axis=1)
 
-    def _moved(self, x: Array) -> Array:
-        """Residuals (n,) of the markers along a motion: a cubic spline in time through its frames."""
+    def _moved(self, x: Array) -> tuple[Array, list[Label]]:
+        """Residuals (n,) of the markers along a motion, and what each is of: a cubic spline in time through its frames."""
         from scipy.interpolate import CubicSpline  # for motions alone
 
         self.solves += 1
@@ -425,8 +428,8 @@ class Prediction:
                 np.column_stack([shapes[0, :, 0], rows(t)]) if len(shapes[0]) else shapes[0], tip(t)
             )
             parts.append(compare(shape, readings))
-        self.labels = [label for _, _, labels in parts for label in labels]
-        return np.concatenate([r for r, _, _ in parts])
+        labels = [label for _, _, some in parts for label in some]
+        return np.concatenate([residuals for residuals, _, _ in parts]), labels
 
 
 def _frames(scene: Scene) -> tuple[Array, Array, Array]:

@@ -480,7 +480,10 @@ class _Search:
             if abs(np.log(change)) < 0.02:
                 break
             sigmas = new
-            found = [least_squares(self.whitened(sigmas), found[0].x, scale=1.0), *found[1:]]
+            again = least_squares(
+                self.whitened(sigmas), found[0].x, scale=1.0, secant=self.prediction.scene.in_time
+            )
+            found = [again, *found[1:]]
         self._used = sigmas
         return found[0], sigmas, found[1:]
 
@@ -512,9 +515,9 @@ class _Search:
 
         for k, start in enumerate(starts):
             try:
-                found.append(
-                    least_squares(model, start, scale=1.0 if sigmas.given else None, known=known)
-                )
+                scale = 1.0 if sigmas.given else None
+                secant = self.prediction.scene.in_time
+                found.append(least_squares(model, start, scale=scale, known=known, secant=secant))
             except MagmpmError as error:
                 failure = failure or error
                 if k == 0 and isinstance(error, InputError):

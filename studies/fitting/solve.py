@@ -78,6 +78,7 @@ def least_squares(
     scale: float | None = None,
     small: float = 1e-3,
     known: Callable[[Array], bool] = lambda x: False,
+    secant: bool = False,
 ) -> LeastSquares:
     """Find the minimum of a sum of squares that a descent reaches. A point where the model can't be solved counts as worse.
 
@@ -97,6 +98,9 @@ def least_squares(
         In units of the scale, a step below ends the search.
     known : callable, default lambda x: False
         Tells whether it has come to a minimum that is known, which ends it too.
+    secant : bool, default False
+        Where slopes cost more than residuals: on the way they follow from the residuals
+        (Broyden's method), and are computed at the start, where a step fails, and at the end.
 
     Returns
     -------
@@ -110,6 +114,7 @@ def least_squares(
     radius = 1.0
     steps = 0
     failures = 0
+    exact = True
     while steps < 60:
         step = _step(residuals, slopes[:, free], radius)
         size = float(np.linalg.norm(step))
@@ -117,7 +122,12 @@ def least_squares(
         squares = float(residuals @ residuals)
         spread = float(np.sqrt(squares / max(len(residuals) - free.sum(), 1)))
         noise = spread if scale is None else scale
-        if np.linalg.norm(change) <= small * noise or size <= 1e-8 or known(x):
+        ended = np.linalg.norm(change) <= small * noise or size <= 1e-8 or known(x)
+        if (ended or failures) and not exact:
+            slopes = model(x, True)[1]
+            exact = True
+            continue
+        if ended:
             return LeastSquares(x, residuals, slopes, steps, True)
         if failures == 12:
             break
@@ -126,7 +136,7 @@ def least_squares(
         there[free] += step
         promised = squares - float(np.sum((residuals + change) ** 2))
         try:
-            found = model(there, True)
+            found = model(there, not secant)
             gain = squares - float(found[0] @ found[0])
         except MagmpmError:
             gain = -np.inf
@@ -135,13 +145,20 @@ def least_squares(
                 radius = max(radius, 2 * size)
             elif gain < 0.25 * promised:
                 radius = size / 2
+            if secant:
+                moved = there - x
+                unforeseen = found[0] - residuals - slopes @ moved
+                slopes = slopes + np.outer(unforeseen, moved) / (moved @ moved)
+            else:
+                slopes = found[1]
+            exact = not secant
             x = there
-            residuals, slopes = found
+            residuals = found[0]
             failures = 0
         else:
             radius = size / 4
             failures += 1
-    return LeastSquares(x, residuals, slopes, steps, False)
+    return LeastSquares(x, residuals, slopes if exact else model(x, True)[1], steps, False)
 
 
 def _step(residuals: Array, slopes: Array, radius: float) -> Array:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import curve_fit
 
 from magmpm import load_scene, run, sensitivities
 from magmpm.errors import InputError
@@ -554,6 +555,65 @@ def test_damping_and_modulus_from_a_marker_that_swings(tmp_path: Path) -> None:
     for one, true in zip(found.constants, (0.9 * 120e3, 1.25 * 40.0), strict=True):
         assert abs(one.value - true) < 4 * one.error
         assert one.error < 0.1 * true
+
+
+def test_a_loss_factor_from_a_swing_takes_ten_motions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tip is exp(-tan(delta) w t / 2) cos(w t) here, in place of motions: the least squares of SciPy find the same constant and error,
+    and each residual is the simulated number at the best constant less the measured one."""
+    turn = 2 * np.pi * 20.0
+    times = np.linspace(0, 0.2, 101)
+    runs = []
+
+    def tip_at(loss_factor: float, t: np.ndarray) -> np.ndarray:
+        return 5e-3 * np.exp(-loss_factor * turn * t / 2) * np.cos(turn * t)
+
+    def frames(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        runs.append(scene.effects.viscosity.loss_factor)
+        tips = np.column_stack([0 * times, 0 * times, tip_at(runs[-1], times)])
+        return times, np.zeros((len(times), 0, 4)), tips
+
+    monkeypatch.setattr(prediction, "_frames", frames)
+    data = SCENE.to_si()
+    data["materials"][MATERIAL]["density"] = 1882.0
+    data["effects"] |= {"viscosity": {"loss_factor": 0.2}}
+    data["solver"] = {"dynamic": {"duration": 0.2, "output_every": 2e-3}}
+    scene = Scene.from_si(data)
+    t = np.arange(5, 200, 5) / 1e3
+    z = tip_at(0.1, t) + np.random.default_rng(1).normal(0, 1e-4, len(t))
+    lines = [f"{1e3 * one:g},{1e3 * height:.9f}\n" for one, height in zip(t, z, strict=True)]
+    measured = read_measured(table(tmp_path, "t_ms,tip_z_mm\n" + "".join(lines)), scene)
+    found = fit(measured, scene, vary=["viscosity"])
+    assert len(runs) <= 12
+    (one,) = found.constants
+    (best,), covariance = curve_fit(lambda t, loss: tip_at(loss, t), t, z, 0.2)
+    # the slope by differences of 1 % has an error of 1e-4; a search ends within 1e-3 standard errors
+    assert one.value == pytest.approx(best, abs=2e-3 * one.error)
+    assert one.error == pytest.approx(covariance[0, 0] ** 0.5, rel=1e-3)
+    assert one.low < 0.1 < one.high
+    for residual, label in zip(found.residuals, found.labels, strict=True):
+        # of times between frames: a cubic spline through 25 frames a period, far from its ends
+        assert residual == pytest.approx(label.simulated[0] - label.measured[0], abs=1e-12)
+        assert label.simulated[0] == pytest.approx(tip_at(one.value, t[label.line - 2]), abs=2e-6)
+
+
+def test_a_secant_search_ends_where_one_with_slopes_does() -> None:
+    """Rosenbrock's valley, whose minimum is (1, 1), with noise-free residuals: fewer slopes than steps."""
+    asked = []
+
+    def model(x: np.ndarray, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(slopes)
+        jacobian = np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
+        return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), jacobian
+
+    for secant in (False, True):
+        asked.clear()
+        found = least_squares(model, np.array([-0.5, 0.5]), scale=1.0, small=1e-6, secant=secant)
+        assert found.converged
+        np.testing.assert_allclose(found.x, 1.0, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(found.slopes, model(found.x, True)[1], rtol=1e-12)
+    assert sum(asked) < found.steps
 
 
 def test_a_suspected_diameter_changes_the_scene() -> None:
