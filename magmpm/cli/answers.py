@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 import threading
 import time
@@ -49,6 +50,12 @@ def is_study(folder: Path) -> bool:
 def print_summary(options: argparse.Namespace, summary: dict[str, Any], text: str) -> None:
     """The one JSON object, or the text for people."""
     print(json.dumps(summary) if options.json else text)
+
+
+def end_as_by_ctrl_c() -> None:
+    """SIGTERM, by which job schedulers end a command, keeps and tells what Ctrl-C does."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
 
 
 class Progress:

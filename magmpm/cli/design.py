@@ -6,9 +6,7 @@ import argparse
 import json
 import os
 import shlex
-import signal
 import sys
-import threading
 from collections.abc import Callable, Mapping
 from contextlib import closing, nullcontext
 from pathlib import Path
@@ -16,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.cli.answers import SURFACE, Progress
+from magmpm.cli.answers import SURFACE, Progress, end_as_by_ctrl_c
 from magmpm.errors import InputError, count
 from magmpm.results.folder_lock import folder_lock
 
@@ -60,7 +58,7 @@ def command(options: argparse.Namespace) -> int:
         options.workers,
         options.time_limit,
     )  # no folder yet
-    _end_as_by_ctrl_c()
+    end_as_by_ctrl_c()
     with (
         folder_lock(out),  # until the pictures of the whole are there
         nullcontext() if options.no_pictures else closing(Renderer()) as renderer,
@@ -141,12 +139,6 @@ def _advise(advice: list[str]) -> None:
 def _tell(trial: Trial, progress: Progress) -> None:
     best = "-" if trial.best_rms_m is None else f"{1e3 * trial.best_rms_m:.2f} mm"
     progress.at(trial.finished, trial.wanted, f"best {best}")
-
-
-def _end_as_by_ctrl_c() -> None:
-    """SIGTERM, by which job schedulers end a command, puts the trials at work back into the queue as Ctrl-C does."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
 
 
 class TrialPicture:

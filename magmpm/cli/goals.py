@@ -7,11 +7,12 @@ import csv
 import json
 import os
 import shlex
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from magmpm.cli.answers import Progress
+from magmpm.cli.answers import Progress, end_as_by_ctrl_c
 from magmpm.cli.draw import draw_run
 from magmpm.errors import InputError
 from magmpm.results.file_names import ENERGIES_PLOT, MOMENTS, MOVIE, PICTURE
@@ -33,6 +34,7 @@ def design_for_goal(options: argparse.Namespace) -> int:
             remedy="omit the option",
         )
     out = options.out or Path("runs") / study.name
+    end_as_by_ctrl_c()
     with Progress(study.name) as progress:
         report = search(
             study,
@@ -141,15 +143,23 @@ def sweep(options: argparse.Namespace) -> int:
             rule="a sweep sets a number of the scene to some values",
             remedy="write, say, --set 'field.uniform[2]=2 mT,4 mT'",
         )
-    with Progress("sweep") as progress:
-        table = swept(
-            options.scene,
-            values,
-            measure=[_measure(one) for one in options.measure or ("tip",)],
-            workers=options.workers,
-            folder=options.out,
-            on_row=lambda row: progress.note(_words(row)),
-        )
+    end_as_by_ctrl_c()
+    try:
+        with Progress("sweep") as progress:
+            table = swept(
+                options.scene,
+                values,
+                measure=[_measure(one) for one in options.measure or ("tip",)],
+                workers=options.workers,
+                folder=options.out,
+                on_row=lambda row: progress.note(_words(row)),
+            )
+    except KeyboardInterrupt:
+        kept = "its rows are lost: --out DIR would have kept them"
+        if options.out is not None:
+            kept = f"{options.out} has the finished rows; the same command goes on"
+        print(f"magmpm: sweep interrupted; {kept}", file=sys.stderr)
+        return 1
     if options.out is not None:
         _keep(table.rows, list(values), options.out)
     if options.json:

@@ -174,11 +174,12 @@ class Viscosity(Effect):
             return []
         time = self.viscosity / bulk
         below = 0.1 * math.sqrt(shear / bulk) / (2.0 * math.pi * time)
+        branch = f"{{shear_modulus: {quantity(bulk, 'Pa')}, time: {quantity(time, 's')}}}"
         return [
             f"effects.viscosity: {quantity(self.viscosity, 'Pa s')} make time steps about"
-            f" {shorter:.2g} times as short as those of the body alone; in its place `branches:"
-            f" [{{shear_modulus: {quantity(bulk, 'Pa')}, time: {quantity(time, 's')}}}]` is the same"
-            f" below {quantity(below, 'Hz')}, within 1 % of the shear modulus, at long steps"
+            f" {shorter:.2g} times as short as those of the body alone; `branches: [{branch}]` in"
+            f" its place is the same below {quantity(below, 'Hz')}, within 1 % of the shear modulus,"
+            " at long steps"
         ]
 
     def records(

@@ -516,8 +516,12 @@ class _Search:
         for k, start in enumerate(starts):
             try:
                 scale = 1.0 if sigmas.given else None
-                secant = self.prediction.scene.in_time
-                found.append(least_squares(model, start, scale=scale, known=known, secant=secant))
+                moves = self.prediction.scene.in_time
+                # a motion costs seconds; a step of 0.03 standard errors moves no answer
+                small = 0.03 if moves else 1e-3
+                found.append(
+                    least_squares(model, start, scale=scale, small=small, known=known, secant=moves)
+                )
             except MagmpmError as error:
                 failure = failure or error
                 if k == 0 and isinstance(error, InputError):

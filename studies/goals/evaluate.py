@@ -43,10 +43,12 @@ class BeyondBounds(MagmpmError):
 
 
 def beyond(value: float, bounds: tuple[float | None, float | None]) -> list[float]:
-    """Return how far a value is beyond each of its bounds: at most 0 where it keeps it."""
+    """Return how far a value is beyond each of its bounds, as a share of the larger one: at most 0 where it keeps it. Beside a bound of 0
+    alone, in SI."""
     least, greatest = bounds
-    found = [] if least is None else [least - value]
-    return found if greatest is None else [*found, value - greatest]
+    scale = max(abs(one) for one in bounds if one is not None) or 1.0
+    found = [] if least is None else [(least - value) / scale]
+    return found if greatest is None else [*found, (value - greatest) / scale]
 
 
 def numbers(job: Job, on_progress: Callable[[int, float], None] | None = None) -> dict[str, float]:

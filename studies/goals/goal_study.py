@@ -147,8 +147,8 @@ class GoalStudy:
         return {f"subject_to[{k}]": of for k, of in enumerate(self.bounds)}
 
     def values(self, numbers: dict[str, float]) -> tuple[list[float], list[float]]:
-        """A trial's values, as Optuna compares them, and how far it is beyond each bound; of targets what they miss, of several its root
-        mean square."""
+        """A trial's values, as Optuna compares them, and how far it is beyond each bound, as a share of it; of targets what they miss, of
+        several its root mean square."""
         values = [
             numbers[f"goal[{k}].{goal.key}"]
             if target is None

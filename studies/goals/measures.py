@@ -160,9 +160,7 @@ class Turn(AtMoment):
         return Instead("a turn has an axis: write `about: [0, 1, 0]`") if key == "along" else None
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        begin, now, share = self._arms(answer, self.moment(answer), at)
-        turned, _ = Rotation.align_vectors(now, begin, weights=share)
-        return float(turned.as_rotvec() @ np.array(self.about))
+        return float(self._turned(answer, self.moment(answer), at) @ np.array(self.about))
 
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
         """Change of the rotation R of the polar decomposition R P of the moment M, and of its vector r.
@@ -172,18 +170,35 @@ class Turn(AtMoment):
         """
         k = self.moment(answer)
         begin, now, share = self._arms(answer, k, at)
-        turned, _ = Rotation.align_vectors(now, begin, weights=share)
-        R = turned.as_matrix()
+        r = self._turned(answer, k, at)
+        R = Rotation.from_rotvec(r).as_matrix()
         P = R.T @ ((share[:, None] * now).T @ begin)
         A = np.einsum("ji,jmk->imk", R, of.moment(self.of, k))
         a = np.stack([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
         w = np.linalg.solve(np.trace(P) * np.eye(3) - P, a)
-        r = turned.as_rotvec()
         angle = max(float(np.linalg.norm(r)), 1e-6)  # below, the last share is 1 / 12 to 1e-13
         across = np.cross(r, w, axis=0)
         twice = np.cross(r, across, axis=0)
         share_twice = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / angle**2
         return np.array(self.about) @ (w + 0.5 * across + share_twice * twice)
+
+    def _turned(self, answer: Answer, k: float, at: str) -> Array:
+        """Rotation vector (3,) rad at moment k; along time the one nearest to that of the frame before, so that full turns count.
+
+        After full turns the axis of a small rotation says nothing: they are about the axis of the frame before.
+        """
+        vector = np.zeros(3)
+        before = [] if answer.motion is None else range(math.ceil(k))
+        for moment in [*before, k]:
+            begin, now, share = self._arms(answer, moment, at)
+            found = Rotation.align_vectors(now, begin, weights=share)[0].as_rotvec()
+            angle = float(np.linalg.norm(found))
+            axis = found / max(angle, 1e-9)
+            if angle < 0.5:
+                axis = vector / max(float(np.linalg.norm(vector)), 1e-9)
+            turns = round(float((vector - found) @ axis) / math.tau)
+            vector = found + turns * math.tau * axis
+        return vector
 
     def _arms(self, answer: Answer, k: float, at: str) -> tuple[Array, Array, Array]:
         """Particles from their mean, undeformed and at moment k, (n, 3) m, and their shares (n,) of the volume."""
@@ -280,11 +295,11 @@ class ContactForce(Smooth):
         return np.arange(len(sizes)), share
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        sizes = np.linalg.norm(answer.pushes(self._named(answer, at)), axis=1)
+        sizes = np.linalg.norm(answer.pushes(self.named(answer, at)), axis=1)
         moments, share = self._counted(answer, sizes)
         return float(share @ sizes[moments])
 
-    def _named(self, answer: Answer, at: str) -> str:
+    def named(self, answer: Answer, at: str) -> str:
         """Its name in contacts.csv, where a pair has one order. Raises InputError."""
         named = answer.scene.effects.named()
         known: list[str] = [key for key in ("ground", "walls") if key in named]
@@ -295,7 +310,7 @@ class ContactForce(Smooth):
         for name in (self.of, *turned):
             if name in known:
                 return name
-        listed = ", ".join(repr(name) for name in known[:8]) or "ground, walls, self_contact"
+        listed = ", ".join(repr(name) for name in known[:8])
         whole = self.of == "self_contact" or self.of.endswith(", itself")
         raise InputError(
             f"{at}.with",
@@ -305,7 +320,9 @@ class ContactForce(Smooth):
                 if whole
                 else "the scene has no such contact; joined parts have the name of their first"
             ),
-            remedy=f"name one of {listed}",
+            remedy=f"name one of {listed}"
+            if known
+            else "name ground, walls or self_contact in the scene's effects",
         )
 
 
@@ -466,8 +483,11 @@ class Measure(Settings):
         return {str(of) for of in places if of is not None and self.name in kinds}
 
     def check_moments(self, scene: Scene, at: str) -> None:
-        """Raises InputError for a time at which the scene has no answer, and a length that nobody pushes out of a guide."""
+        """Raises InputError for a time at which the scene has no answer, a length that nobody pushes out of a guide, and a contact that
+        the scene has not."""
         kind = None if self.python is not None else getattr(self, self.name)
+        if isinstance(kind, ContactForce):
+            kind.named(Answer(scene, None), at)
         said = {key: getattr(kind, key, None) for key in ("at", "begin", "end", "inserted")}
         for key, value in said.items():
             if value is None:

@@ -588,8 +588,8 @@ def test_a_loss_factor_from_a_swing_takes_ten_motions(
     assert len(runs) <= 12
     (one,) = found.constants
     (best,), covariance = curve_fit(lambda t, loss: tip_at(loss, t), t, z, 0.2)
-    # the slope by differences of 1 % has an error of 1e-4; a search ends within 1e-3 standard errors
-    assert one.value == pytest.approx(best, abs=2e-3 * one.error)
+    # a search along motions ends within 0.03 standard errors; slopes by differences of 1 % are right to 1e-4
+    assert one.value == pytest.approx(best, abs=0.03 * one.error)
     assert one.error == pytest.approx(covariance[0, 0] ** 0.5, rel=1e-3)
     assert one.low < 0.1 < one.high
     for residual, label in zip(found.residuals, found.labels, strict=True):
@@ -669,7 +669,7 @@ def test_a_number_has_one_name_and_a_name_may_have_a_dot(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("address", "told"),
     [
-        ("field.magnet[0].remanense", "did you mean field.magnet[*].remanence"),
+        ("field.magnet[0].remanense", "did you mean field.magnet[0].remanence"),
         ("body.catheter.segments[0].magnetization[0]", "turns by two angles"),
         ("field.magnet[0].position[1]", "it is 0 in the scene"),
         ("field.magnet[0].position[0]", "a column that sets field.magnet[0].position[0]"),

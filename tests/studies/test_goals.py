@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from optuna.distributions import FloatDistribution
 from reference.moving import block, moving_scene
 from reference.parts import parts_scene
 from reference.solids import box
+from scipy.spatial.transform import Rotation
 
 import magmpm
 from magmpm.errors import InputError
@@ -23,6 +25,7 @@ from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.goals.answer import Answer
+from magmpm.studies.goals.evaluate import beyond
 from magmpm.studies.goals.goal_file import SCHEMA, GoalFile
 from magmpm.studies.goals.goal_study import load_goal
 from magmpm.studies.goals.measures import Measure
@@ -125,6 +128,29 @@ def test_a_moment_between_two_frames_is_neither(fallen: Answer) -> None:
     t = 0.5 * (fallen.times[20] + fallen.times[21])
     fall = measured(fallen, travel={"along": [0.0, 0.0, 1.0], "to": t})
     assert fall == pytest.approx(-0.5 * 9.81 * t**2, abs=2e-9)
+
+
+def test_a_body_that_turns_farther_than_half_a_turn_counts_on(tmp_path: Path) -> None:
+    """Two turns and a half about an axis that is none of the grid's, in frames 50 degrees apart, and back by one and a half."""
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    degrees = np.concatenate([np.arange(0, 901, 50), np.arange(850, 359, -49)])
+    scene = Scene.from_si(plain(SCENE) | {"solver": {"quasi_static": {"at": [0.0, 1.0]}}})
+    rest = Answer(scene, None).model.particles.position
+    turned = [Rotation.from_rotvec(np.radians(one) * axis).apply(rest) for one in degrees]
+    motion = SimpleNamespace(times=np.arange(len(turned)), position=turned.__getitem__)
+    answer = Answer(scene, None, motion)
+    for at, one in enumerate(degrees):
+        for of in ("body", "segment 2"):
+            found = measured(answer, turn={"of": of, "about": axis.tolist(), "at": float(at)})
+            assert np.degrees(found) == pytest.approx(one, abs=1e-6)
+
+
+def test_the_least_broken_bounds_are_counted_in_shares_of_each(tmp_path: Path) -> None:
+    """1 mm of 2 mm is more than 1 kPa of 1 MPa, or 10 mT of 20, though each is less in SI than a hundredth of a kPa."""
+    assert beyond(3e-3, (None, 2e-3)) == pytest.approx([0.5])
+    assert beyond(1.001e6, (None, 1e6)) == pytest.approx([1e-3])
+    assert beyond(0.03, (0.01, 0.02)) == pytest.approx([-1.0, 0.5])
+    assert beyond(-0.2, (0.0, None)) == pytest.approx([0.2])
 
 
 def test_a_pulse_is_the_largest_field(tmp_path: Path) -> None:
@@ -587,7 +613,7 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "told"),
     [
-        ("field.uniform[2]", "field.unifrom[2]", "did you mean field.uniform"),
+        ("field.uniform[2]", "field.unifrom[2]", "did you mean field.uniform[2]"),
         ("min: 1 mT", "min: 1 mm", "must have the unit of min"),
         ("min: 1 mT, max: 8 mT", "min: 1 mT, max: 90000 mT", "the scene refuses it"),
         ("min: 1 mT, max: 8 mT", "min: 8 mT, max: 1 mT", "min must be less than max"),
@@ -626,6 +652,11 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
             "has none",
         ),
         ("trials: 6", "subject_to: [{strain: {}, at_most: 3 mm}]", "plain number"),
+        (
+            "trials: 6",
+            "subject_to: [{contact_force: {with: walls}, at_most: 3 mN}]",
+            "subject_to[0].with: received 'walls'",
+        ),
         ("trials: 6", "subject_to: [{largest_field: {}, at_most: 3}]", "at_most"),
         ("{displacement: {of: tip, along: [0, 0, 1]}}", "{python: own.py:reach}", "no file"),
     ],

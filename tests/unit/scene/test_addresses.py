@@ -49,9 +49,10 @@ def test_names_may_hold_spaces() -> None:
 @pytest.mark.parametrize(
     ("address", "told"),
     [
-        ("field.unifrom[2]", "did you mean field.uniform"),
+        ("field.unifrom[2]", "did you mean field.uniform[2]"),
         ("field.uniform[7]", "the scene says nothing there"),
-        ("body.catheter.segment[0].magnetization", "body.catheter.segments[*].magnetization"),
+        ("body.catheter.segment[0].magnetization", "body.catheter.segments[0].magnetization"),
+        ("body.catheter.segments[9].magnetization", "body.catheter.segments[*].magnetization"),
         ("field..uniform", "keys with dots between them"),
         ("field.uniform[", "keys with dots between them"),
         ("", "keys with dots between them"),
