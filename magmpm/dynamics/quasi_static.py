@@ -22,7 +22,7 @@ from magmpm.results.motion_tables import GrowingTable, jump_in_words, path_row
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import Instant, MotionWriter
 from magmpm.scene import Scene
-from magmpm.statics.branch import EquilibriumPath, Jump, Reached, point_of
+from magmpm.statics.branch import SHORTEST_ARC, EquilibriumPath, Jump, Reached, point_of
 from magmpm.statics.contact import Held, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 
@@ -137,14 +137,50 @@ def _go_on(state: PathState, time: float) -> list[Jump]:
         loads.hold(time, state.branch.now.point)
     else:
         with one_blas_thread():
-            jumps = _advance(state.branch, loads, time)
+            jumps = increments(state.branch, loads, time)
     state.time = time
     state.iterations += 0 if state.branch is None else state.branch.now.iterations
     return jumps
 
 
-def _advance(branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: float) -> list[Jump]:
-    """`EquilibriumPath.advance`, and again at its end until friction holds the body as strongly as this presses it. Raises SolveError."""
+def increments(branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: float) -> list[Jump]:
+    """Go on to a time (s) in one increment of friction, or where that does not converge in shorter ones. Raises SolveError.
+
+    Each is half as long as the one that failed, down to SHORTEST_ARC of the whole, and twice as long as the one that did not.
+    """
+    jumps = list[Jump]()
+    way = time - branch.now.time
+    shortest = SHORTEST_ARC * way
+    spent = 0
+    while branch.now.time < time:
+        begun = branch.now
+        before = branch.before
+        held = loads.held
+        left = time - begun.time
+        found = _increment(branch, loads, time if way >= left else begun.time + way)
+        spent += branch.now.iterations
+        if found is not None:
+            jumps += found
+            way = 2.0 * way
+            continue
+        way = 0.5 * min(way, left)
+        branch.now = replace(begun, step=min(begun.step, way))
+        branch.before = before
+        loads.held = held
+        if way < shortest:
+            raise SolveError(
+                "the body slips: it has no equilibrium with friction near the last one, at t = "
+                f"{begun.time:.4g} s; remedy: simulate the motion, "
+                "`solver: {dynamic: {duration: 0.5 s}}`"
+            )
+    branch.now = replace(branch.now, iterations=spent)
+    return jumps
+
+
+def _increment(
+    branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: float
+) -> list[Jump] | None:
+    """`EquilibriumPath.advance`, and again at its end until friction holds the body as strongly as this presses it; None where it can't."""
     # solves of an equilibrium with friction, which settles by a factor of two or more each
     most_tries = 50
     loads.let_slide(branch.now.point)
@@ -152,11 +188,9 @@ def _advance(branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: float
     for _ in range(most_tries):
         if not loads.hold(time, branch.now.point):
             return jumps
-        branch.settle()
-    raise SolveError(
-        f"friction did not converge in {most_tries} solves: the body is about to slip; remedy: "
-        "take shorter steps"
-    )
+        if not branch.settle():
+            return None
+    return None
 
 
 def follow(

@@ -178,15 +178,12 @@ class EquilibriumPath:
         self.now = replace(self.now, iterations=self._near.spent)
         return jumps
 
-    def settle(self) -> None:
-        """Find the equilibrium of the present time again, under loads that have changed a little. Raises SolveError."""
+    def settle(self) -> bool:
+        """Find the equilibrium of the present time again, under loads that have changed a little. Returns False if there is none nearby."""
         found = self._attempt(self.now.time)
-        if found is None:
-            raise SolveError(
-                "the body slips: with friction there is no equilibrium nearby; remedy: take "
-                "more, shorter steps"
-            )
-        self.now = replace(found, step=self.now.step)
+        if found is not None:
+            self.now = replace(found, step=self.now.step)
+        return found is not None
 
     def stability(self) -> float:
         """Stability of the last equilibrium: its smallest eigenvalue over that of the unloaded body (statics.stability)."""

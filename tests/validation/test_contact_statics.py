@@ -1,5 +1,6 @@
 """Contact at equilibrium: against the damped motion that settles there, beam theory, and the balance of forces."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,15 @@ from reference.solids import between, box
 
 from magmpm.bodies.surface_mesh import write_stl
 from magmpm.dynamics import energies
-from magmpm.dynamics.quasi_static import PathState, follow
+from magmpm.dynamics.quasi_static import PathState, follow, increments
 from magmpm.dynamics.time_loop import begin, integrate
+from magmpm.errors import SolveError
 from magmpm.materials import young_modulus
 from magmpm.model import build
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.simulate import run
+from magmpm.statics.branch import Jump, Reached
 from magmpm.statics.contact import contacts_at_rest
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
@@ -269,6 +272,53 @@ def test_a_pressed_tip_has_hysteresis() -> None:
     assert (np.abs(force[:, 0]) <= FRICTION * force[:, 2] * (1 + 1e-3) + 1e-9).all()
     assert force[5, 0] == pytest.approx(FRICTION * force[5, 2], rel=2e-3)
     assert force[10, 0] == pytest.approx(-FRICTION * force[10, 2], rel=2e-3)
+
+
+@pytest.mark.slow
+def test_an_increment_that_does_not_converge_is_taken_in_shorter_ones() -> None:
+    """A tip pressed onto the plane by 0 to all of a field in one step, and by 0.4 of it in the next: it sticks, then slides back.
+
+    Its push is that of six steps, to 1e-4, as neither path skips the largest field; and the plane pulls by 0.4 of it.
+    """
+    coarse, fine = (contact(follow(pressed(steps, FRICTION)))["force"] for steps in (2, 6))
+    assert coarse[0] == pytest.approx(-FRICTION * coarse[2], rel=2e-3)
+    assert coarse[2] == pytest.approx(fine[2], rel=1e-4)
+
+
+@dataclass
+class Slipping:
+    """A branch, and its loads, that have no equilibrium with friction beyond a time (s)."""
+
+    now: Reached
+    ends: float
+    before: Reached | None = None
+    held: None = None
+    tried: int = 0
+
+    def let_slide(self, point: object) -> None:
+        self.tried += 1
+
+    def advance(self, until: float) -> list[Jump]:
+        self.now = replace(self.now, time=until)
+        return []
+
+    def hold(self, time: float, point: object) -> bool:
+        return time > self.ends
+
+    def settle(self) -> bool:
+        return False
+
+
+def test_a_body_that_slips_is_followed_until_it_does() -> None:
+    """To a thousandth of the increment, by a dozen halvings or so; then the error says when it slips."""
+    begin_of_path: Any = Reached(1.0, None, None, 3, np.inf)
+    path: Any = Slipping(begin_of_path, ends=1.3)
+    with pytest.raises(
+        SolveError, match=r"the body slips: .* near the last one, at t = 1\.3 s; .* 0.5 s}}`$"
+    ):
+        increments(path, path, 2.0)
+    assert 1.3 - 2e-3 < path.now.time <= 1.3
+    assert path.tried < 40
 
 
 @pytest.mark.slow
