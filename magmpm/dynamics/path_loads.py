@@ -28,7 +28,7 @@ from magmpm.statics.contact import CONTACT_SETTLED, Held, Touched, change, follo
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
 from magmpm.statics.layout import StaticModel, arranged, static_model
-from magmpm.statics.own_contact import OwnContacts
+from magmpm.statics.own_contact import HeldPairs, OwnContacts, changed, holding, released
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,10 @@ class FieldLoads:
             if isinstance(effect, Obstacle)
         ]
         self._rough = any(most_friction(self.model.scene, effect.friction) > 0 for effect in named)
+        self.held_pairs: HeldPairs | None = None  # of the body with itself
+        self._pairs_begun: tuple[HeldPairs, Array] | None = None
+        own = self.model.scene.effects.self_contact
+        self._rubs = own is not None and most_friction(self.model.scene, own.friction) > 0
 
     @property
     def whole(self) -> Model:
@@ -89,10 +93,33 @@ class FieldLoads:
         """The model, with its axes as the solve needs them, under the load of a time, s."""
         surface = self._arranged.touching
         touching = None if surface is None else replace(surface, held=self.held)
-        return replace(self._arranged, effects=self._named(time), time=time, touching=touching)
+        pairs = self._arranged.pairs
+        return replace(
+            self._arranged,
+            effects=self._named(time),
+            time=time,
+            touching=touching,
+            pairs=None if pairs is None else pairs.held_by(self.held_pairs),
+        )
 
     def hold(self, time: float, point: Point) -> bool:
-        """Let friction hold points as this equilibrium presses them on obstacles. Returns True if that changes what holds them."""
+        """Let friction hold points as this equilibrium presses them. Returns True if that changes what holds them."""
+        pairs_differ = self._hold_pairs(point)
+        return self._hold_points(time, point) or pairs_differ
+
+    def _hold_pairs(self, point: Point) -> bool:
+        own = point.own
+        if own is None or not self._rubs:
+            return False
+        nodes = point.grid.reshape(-1, 3)
+        start = self._pairs_begun or (released(own, nodes, None), nodes)
+        now = holding(own, nodes, start)
+        if self.held_pairs is not None and changed(self.held_pairs, now) < CONTACT_SETTLED:
+            return False
+        self.held_pairs = now
+        return True
+
+    def _hold_points(self, time: float, point: Point) -> bool:
         surface = self._arranged.touching
         if surface is None or not self._rough:
             return False
@@ -115,6 +142,10 @@ class FieldLoads:
             was = surface.positions(point.grid)
             self.held = followed(self.held, was)
             self._begun = was, self.held
+        if point.own is not None and self._rubs:
+            nodes = point.grid.reshape(-1, 3)
+            self.held_pairs = released(point.own, nodes, self.held_pairs)
+            self._pairs_begun = self.held_pairs, nodes
 
     def carried(self, grid: Array, before: float, after: float) -> Array:
         """Return the same coefficients: the grid does not move."""
@@ -167,6 +198,7 @@ class FeedLoads:
             ground=None, walls=None
         )  # obstacles stay where they are, whatever is fed
         self.held: Held | None = None  # friction doesn't hold what is fed
+        self.held_pairs: HeldPairs | None = None
         self._models: OrderedDict[float, StaticModel] = OrderedDict()
 
     def inserted(self, time: float) -> float:

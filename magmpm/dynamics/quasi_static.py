@@ -25,6 +25,7 @@ from magmpm.scene import Scene
 from magmpm.statics.branch import SHORTEST_ARC, EquilibriumPath, Jump, Reached, point_of
 from magmpm.statics.contact import Held, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
+from magmpm.statics.own_contact import HeldPairs
 
 Progress = Callable[[float, int], None]
 
@@ -81,6 +82,8 @@ def begin(scene: Scene, saved: Checkpoint | None = None) -> PathState:
     more = saved.control
     if "held_grip" in saved.state:
         loads.held = Held(*(saved.state[f"held_{name}"] for name in Held._fields))
+    if "pairs_key" in saved.state:
+        loads.held_pairs = HeldPairs.restored(saved.state)
     branch = None
     if more["branch"]:
         with one_blas_thread():
@@ -156,6 +159,7 @@ def increments(branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: flo
         begun = branch.now
         before = branch.before
         held = loads.held
+        held_pairs = loads.held_pairs
         left = time - begun.time
         found = _increment(branch, loads, time if way >= left else begun.time + way)
         spent += branch.now.iterations
@@ -167,6 +171,7 @@ def increments(branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: flo
         branch.now = replace(begun, step=min(begun.step, way))
         branch.before = before
         loads.held = held
+        loads.held_pairs = held_pairs
         if way < shortest:
             raise SolveError(
                 "the body slips: it has no equilibrium with friction near the last one, at t = "
@@ -323,9 +328,8 @@ class _Files:
             "elastic": elastic,
             **energies.effect_energies(model, x, F, state.time),
         }
-        contacts = (
-            {} if shape.touched is None else contacts_at_rest(model, shape.touched, shape.own)
-        )
+        contacts = {} if shape.touched is None else contacts_at_rest(model, shape.touched)
+        contacts |= {} if shape.own is None else shape.own.report()
         known |= {key: contact["energy"] for key, contact in contacts.items()}
         field = model.field_at(x, state.time)
         at_rest = np.zeros_like(x)
@@ -339,6 +343,8 @@ class _Files:
         arrays, numbers = ({}, {}) if state.branch is None else state.branch.state()
         if state.loads.held is not None:
             arrays |= {f"held_{name}": value for name, value in state.loads.held._asdict().items()}
+        if state.loads.held_pairs is not None:
+            arrays |= state.loads.held_pairs.state()
         more = {
             "branch": numbers,
             "rows": state.rows,

@@ -383,10 +383,8 @@ def warnings(scene: SceneLike) -> list[str]:
         found.append("effects: magnetic_force has no effect: the field is the same everywhere")
     if not any(effect is not None for _, effect in scene.effects):
         found.append("effects: none is named, so nothing moves")
-    frictionless = ["self_contact"]  # along paths, too
-    if scene.solver.quasi_static is None or scene.effects.feed is not None:
-        frictionless += ["ground", "walls"]
-    for key in frictionless if dynamic is None else ():
+    frictionless = scene.solver.quasi_static is None or scene.effects.feed is not None
+    for key in ("self_contact", "ground", "walls") if dynamic is None and frictionless else ():
         effect = getattr(scene.effects, key)
         if effect is not None and most_friction(scene, effect.friction) > 0.0:
             found.append(

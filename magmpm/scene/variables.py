@@ -13,6 +13,7 @@ import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.effects.contact_law import Obstacle, most_friction
+from magmpm.effects.self_contact import SelfContact
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import KINDS as KINDS_OF_QUANTITIES
 from magmpm.inputs.quantities import divided
@@ -321,7 +322,7 @@ def check_differentiable(scene: Scene, *, fed: bool = False) -> None:
         )
     for key, effect in scene.effects.named().items():
         if (
-            isinstance(effect, Obstacle)
+            isinstance(effect, Obstacle | SelfContact)
             and (friction := most_friction(scene, effect.friction)) > 0.0
         ):
             raise InputError(

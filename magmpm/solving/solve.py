@@ -433,7 +433,8 @@ def result_of(
 
 def _contacts(model: Model, touched: Touched | None, own: OwnContacts | None) -> dict[str, Any]:
     """Contacts of an equilibrium, as results have them."""
-    return {} if touched is None else _plain(contacts_at_rest(model, touched, own))
+    found = {} if touched is None else contacts_at_rest(model, touched)
+    return _plain(found | ({} if own is None else own.report()))
 
 
 def _plain(contacts: Mapping[str, Contact]) -> dict[str, Any]:

@@ -28,7 +28,6 @@ from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
-from magmpm.statics.own_contact import OwnContacts
 
 CONTACT_SETTLED = (
     1e-3  # of the grip of all points: how much it may still change, and so the force of friction
@@ -201,10 +200,8 @@ class RestingSurface(ContactSurface):
         )
 
 
-def contacts_at_rest(
-    model: Model, touched: Touched, own: OwnContacts | None = None
-) -> dict[str, Contact]:
-    """The contact of each obstacle with a model, and of the model with itself."""
+def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
+    """The contact of each obstacle with a model."""
     still = Touching(
         touched.x,
         touched.mass,
@@ -215,8 +212,7 @@ def contacts_at_rest(
     found = {
         key: effect.report(model, still) for key, effect in model.scene.effects.named().items()
     }
-    named = {key: contact for key, contact in found.items() if contact is not None}
-    return named if own is None else named | own.report()
+    return {key: contact for key, contact in found.items() if contact is not None}
 
 
 def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) -> RestingSurface:

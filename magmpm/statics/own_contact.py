@@ -8,12 +8,15 @@ where the energy has its minimum. With dr = dx - du(X), g = F^-T grad phi, m_a =
 
 so that the force k phi g acts at one place on both, and momentum and angular momentum are kept. The tangent is k (d phi)^2 + k phi d2 phi.
 Source: the implicit function theorem; Wriggers, Computational Contact Mechanics, 2nd ed., section 4.1 (projection and its variation).
+
+Along a path friction acts by the springs of statics.contact, between a point and the place X of the solid where it was as the increment
+began, or where it began to touch: their stretch D is linear in the coefficients, and the force equal and opposite.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,6 +27,7 @@ from magmpm.effects.base import Contact
 from magmpm.effects.contact_law import stiffness_of
 from magmpm.kernels.body_contact import RestingPlaces, add_pairs_tangent, places_at_rest
 from magmpm.model import Model
+from magmpm.statics.contact import Held, add_springs, followed
 from magmpm.statics.surface_pairs import SurfacePairs, begun
 
 CORNERS = np.stack(np.meshgrid(*3 * (np.arange(3),), indexing="ij"), -1).reshape(27, 3)
@@ -40,10 +44,110 @@ class Numbering(Protocol):
 
 
 @dataclass(frozen=True)
+class HeldPairs:
+    """Pairs (t,) that friction holds: key, a number of each; node, share (t, 54) of the stretch D, as in OwnContacts; how they are held,
+    with anchors as stretches (t, 3) m."""
+
+    key: Index
+    node: Index
+    share: Array
+    held: Held
+
+    def stretch(self, nodes: Array) -> Array:
+        """D (t, 3) m for displacements (count, 3) m of the nodes."""
+        return relative(self.node, self.share, nodes)
+
+    def state(self) -> dict[str, Array]:
+        """Arrays from which `restored` makes the same."""
+        held = {f"pairs_{name}": value for name, value in self.held._asdict().items()}
+        return {"pairs_key": self.key, "pairs_node": self.node, "pairs_share": self.share, **held}
+
+    @classmethod
+    def restored(cls, state: dict[str, Array]) -> HeldPairs:
+        """The pairs of a `state`."""
+        held = Held(*(state[f"pairs_{name}"] for name in Held._fields))
+        key: Index = state["pairs_key"].astype(np.int64)
+        node: Index = state["pairs_node"].astype(np.int64)
+        return cls(key, node, state["pairs_share"], held)
+
+
+def relative(node: Index, share: Array, nodes: Array) -> Array:
+    """Displacements (t, 3) m of points against solids, for displacements (count, 3) m of the nodes; node, share: as in OwnContacts."""
+    own = np.where((node >= 0)[:, :, None], nodes[node], 0.0)
+    return np.einsum("ta,tai->ti", share, own)
+
+
+def holding(now: OwnContacts, nodes: Array, start: tuple[HeldPairs, Array]) -> HeldPairs:
+    """Find how friction holds the pairs that touch, with nodes displaced by `nodes` (count, 3) m; start: how, and how displaced, as the
+    increment began. A pair that has begun to touch is held where it met, by the share of its approach that is its depth.
+    """
+    was, before = start
+    node = now.node.copy()
+    share = now.share.copy()
+    moved = relative(node, share, nodes)
+    way = moved - relative(node, share, before)
+    size = np.linalg.norm(now.normal, axis=1)
+    closed = -np.einsum("ti,ti->t", now.normal, way)
+    anchor = moved - (now.depth / np.maximum(closed, now.depth))[:, None] * way
+    _, here, there = np.intersect1d(now.key, was.key, return_indices=True)
+    node[here] = was.node[there]
+    share[here] = was.share[there]
+    anchor[here] = was.held.anchor[there]
+    grip = now.friction * now.push * size
+    held = Held(anchor, now.normal / size[:, None], grip, now.stiffness)
+    return HeldPairs(now.key, node, share, held)
+
+
+def released(now: OwnContacts, nodes: Array, held: HeldPairs | None) -> HeldPairs:
+    """Begin an increment at an equilibrium: pairs that touch have springs from where they are, with grip and stretch as friction holds
+    them."""
+    moved = relative(now.node, now.share, nodes)
+    anchor = moved.copy()
+    grip = np.zeros(len(anchor))
+    normal = now.normal / np.linalg.norm(now.normal, axis=1)[:, None]
+    if held is not None:
+        stretch = held.stretch(nodes)
+        kept = stretch - followed(held.held, stretch).anchor
+        _, here, there = np.intersect1d(now.key, held.key, return_indices=True)
+        anchor[here] -= kept[there]
+        grip[here] = held.held.grip[there]
+    return HeldPairs(now.key, now.node, now.share, Held(anchor, normal, grip, now.stiffness))
+
+
+def changed(one: HeldPairs, other: HeldPairs) -> float:
+    """Difference of the grips of all pairs, over their sum."""
+    _, group = np.unique(np.concatenate([one.key, other.key]), return_inverse=True)
+    each = np.bincount(group, np.concatenate([one.held.grip, -other.held.grip]))
+    return float(np.abs(each).sum()) / max(float(one.held.grip.sum()), 1e-300)
+
+
+@dataclass(frozen=True)
+class FrictionSprings:
+    """Springs of friction (t,) in a shape: the pairs they hold, their energy J, pull f (t, 3) N, its slope H (t, 3, 3) N/m, and which
+    slide."""
+
+    pairs: HeldPairs
+    energy: float
+    f: Array
+    H: Array
+    slides: NDArray[np.bool_]
+
+
+def springs_of(pairs: HeldPairs, nodes: Array) -> FrictionSprings:
+    """The springs for displacements (count, 3) m of the nodes."""
+    n = len(pairs.key)
+    energy = np.zeros(n)
+    f = np.zeros((n, 3))
+    H = np.zeros((n, 3, 3))
+    slides = add_springs(pairs.held, pairs.stretch(nodes), energy, f, H)
+    return FrictionSprings(pairs, float(energy.sum()), f, H, slides > 0)
+
+
+@dataclass(frozen=True)
 class OwnContacts:
     """Pairs (t,) that touch: point and solid; x (t, 3) m; stiffness N/m; depth m; node (t, 54): of the point's splines and the solid's,
     among all of the layout, -1 for none; share (t, 54): of dr; lean (t, 54, 3) 1/m: m_a, 0 for the point's nodes; normal (t, 3): g; bend
-    (t, 3, 3) 1/m: of d2 phi, by dr.
+    (t, 3, 3) 1/m: of d2 phi, by dr; friction (t,): coefficients; rubs: how friction holds pairs, None where it does not.
     """
 
     pairs: RestingPairs
@@ -57,16 +161,26 @@ class OwnContacts:
     lean: Array
     normal: Array
     bend: Array
+    friction: Array
+    rubs: FrictionSprings | None
 
     @property
     def energy(self) -> float:
         """Energy of all pairs, J."""
-        return 0.5 * float(self.stiffness @ self.depth**2)
+        rubs = 0.0 if self.rubs is None else self.rubs.energy
+        return 0.5 * float(self.stiffness @ self.depth**2) + rubs
+
+    @property
+    def key(self) -> Index:
+        """A number of each pair."""
+        return np.asarray(self.point * len(self.pairs.names) + self.solid)
 
     @property
     def pattern(self) -> Index:
-        """Numbers of the pairs that touch."""
-        return np.asarray(self.point * len(self.pairs.names) + self.solid)
+        """Numbers of the pairs that touch, and of those that slide."""
+        if self.rubs is None:
+            return self.key
+        return np.concatenate([self.key, -1 - self.rubs.pairs.key[self.rubs.slides]])
 
     @property
     def push(self) -> Array:
@@ -84,41 +198,62 @@ class OwnContacts:
     def force(self, count: int) -> Array:
         """Force (count, 3) N on the nodes of the layout."""
         each = self.push[:, None] * self.normal
-        return self._to_nodes(np.einsum("ta,ti->tai", self.share, each), count)
-
-    def _to_nodes(self, values: Array, count: int) -> Array:
-        """Sums (count, 3) of values (t, 54, 3) at the nodes of pairs."""
-        on = self.node >= 0
-        return np.stack(
-            [np.bincount(self.node[on], values[on][:, i], count) for i in range(3)], axis=1
-        )
+        force = _to_nodes(self.node, np.einsum("ta,ti->tai", self.share, each), count)
+        if self.rubs is not None:
+            held = self.rubs.pairs
+            force += _to_nodes(held.node, np.einsum("ta,ti->tai", held.share, self.rubs.f), count)
+        return force
 
     def product(self, nodes: Array) -> Array:
         """The second derivative of the energy times displacements (count, 3) m of the nodes, N."""
         own = np.where((self.node >= 0)[:, :, None], nodes[self.node], 0.0)
-        r = np.einsum("ta,tai->ti", self.share, own)
+        r = relative(self.node, self.share, nodes)
         along = np.einsum("ti,tai->ta", self.normal, own)
         q = np.einsum("ta,tai->ti", along, self.lean)
         by_r = np.einsum("tij,tj->ti", self.across, r) + self.push[:, None] * q
         by_along = self.push[:, None] * np.einsum("tai,ti->ta", self.lean, r)
         out = np.einsum("ta,ti->tai", self.share, by_r)
         out += np.einsum("ta,ti->tai", by_along, self.normal)
-        return self._to_nodes(out, len(nodes))
+        product = _to_nodes(self.node, out, len(nodes))
+        if self.rubs is not None:
+            held = self.rubs.pairs
+            pull = np.einsum("tij,tj->ti", self.rubs.H, held.stretch(nodes))
+            product += _to_nodes(held.node, np.einsum("ta,ti->tai", held.share, pull), len(nodes))
+        return product
 
     def elements(self) -> tuple[Index, Index]:
-        """The different rows (groups, 54) of `node`, and which each pair (t,) has."""
-        rows, group = np.unique(self.node, axis=0, return_inverse=True)
+        """The different rows (groups, 54) of `node`, of these pairs and those that friction holds, and which each (t,) has."""
+        held = self.node[:0] if self.rubs is None else self.rubs.pairs.node
+        rows, group = np.unique(np.concatenate([self.node, held]), axis=0, return_inverse=True)
         return rows, group.ravel()
 
     def add_tangent(self, table: NDArray[np.int32], group: Index, blocks: Array) -> None:
         """Add the second derivative of the energy to blocks (k, 3, 3) N/m; table (groups, 54, 54): the block of each two nodes, or -1."""
+        n = len(self.push)
         add_pairs_tangent(
-            self.share, self.lean, self.normal, self.across, self.push, table, group, blocks
+            self.share, self.lean, self.normal, self.across, self.push, table, group[:n], blocks
         )
+        if self.rubs is not None:
+            held = self.rubs.pairs
+            count = len(held.key)
+            bare = np.zeros((count, 54, 3))
+            add_pairs_tangent(
+                held.share,
+                bare,
+                bare[:, 0],
+                self.rubs.H,
+                np.zeros(count),
+                table,
+                group[n:],
+                blocks,
+            )
 
     def report(self) -> dict[str, Contact]:
         """Contact of the body with itself, and of each two components that touch."""
         force = self.push[:, None] * self.normal
+        if self.rubs is not None:
+            _, here, there = np.intersect1d(self.key, self.rubs.pairs.key, return_indices=True)
+            force[here] += self.rubs.f[there]
         size = np.linalg.norm(self.normal, axis=1)[:, None]
         energy = 0.5 * self.stiffness * self.depth**2
         found = self.pairs.contacts(
@@ -127,8 +262,14 @@ class OwnContacts:
         return {name: one for name, (one, _, _) in found.items()}
 
 
+def _to_nodes(node: Index, values: Array, count: int) -> Array:
+    """Sums (count, 3) of values (t, 54, 3) at nodes (t, 54), -1 for none."""
+    on = node >= 0
+    return np.stack([np.bincount(node[on], values[on][:, i], count) for i in range(3)], axis=1)
+
+
 class RestingPairs(SurfacePairs):
-    """The pairs of a model at rest: those that touch for any coefficients of its layout."""
+    """The pairs of a model at rest: those that touch for any coefficients of its layout. held: those that friction holds, or None."""
 
     def __init__(self, model: Model, still: bool) -> None:
         """still: as of SurfacePairs."""
@@ -146,6 +287,8 @@ class RestingPairs(SurfacePairs):
         self._point_share = shares.reshape(-1, 27)
         self._in_motion: Index = np.zeros(0, np.int64)
         self._number: Index = self._in_motion
+        self._friction = surface.friction
+        self.held: HeldPairs | None = None
 
     def numbered(self, layout: Numbering, first_plane: int) -> RestingPairs:
         """The same pairs on the unknowns of a layout; first_plane: of the grid, that has unknowns."""
@@ -158,6 +301,12 @@ class RestingPairs(SurfacePairs):
         ).ravel()
         out._number = np.full(int(np.prod(self.nodes)), -1)
         out._number[out._in_motion] = np.arange(len(out._in_motion))
+        return out
+
+    def held_by(self, held: HeldPairs | None) -> RestingPairs:
+        """The same pairs, of which friction holds these."""
+        out = copy(self)
+        out.held = held
         return out
 
     def displaced(self, grid: Array) -> Array:
@@ -204,7 +353,10 @@ class RestingPairs(SurfacePairs):
             places,
         )
         on = np.flatnonzero(places.depth > 0.0)
-        return self._contacts(point[on], solid[on], x, places.chosen(on))
+        found = self._contacts(point[on], solid[on], x, places.chosen(on))
+        if self.held is None:
+            return found
+        return replace(found, rubs=springs_of(self.held, grid.reshape(-1, 3)))
 
     def _contacts(self, point: Index, solid: Index, x: Array, at: RestingPlaces) -> OwnContacts:
         value = at.value.reshape(-1, 3, 3)
@@ -222,6 +374,19 @@ class RestingPairs(SurfacePairs):
         node = self._number[np.concatenate([self._point_node[point], there], axis=1)]
         rigidity = self.cells.share[at.cell] * self.mass[point] * self.law[0]
         share = np.concatenate([self._point_share[point], -own], axis=1)
+        named = np.fmin(self._friction[point], self.cells.friction[at.cell])
         return OwnContacts(
-            self, point, solid, x[point], rigidity, at.depth, node, share, lean, at.normal, at.bend
+            self,
+            point,
+            solid,
+            x[point],
+            rigidity,
+            at.depth,
+            node,
+            share,
+            lean,
+            at.normal,
+            at.bend,
+            np.where(np.isnan(named), self.law[1], named),
+            None,
         )

@@ -293,6 +293,7 @@ class Slipping:
     ends: float
     before: Reached | None = None
     held: None = None
+    held_pairs: None = None
     tried: int = 0
 
     def let_slide(self, point: object) -> None:

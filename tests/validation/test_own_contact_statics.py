@@ -11,6 +11,7 @@ from reference.solids import ball, box
 
 from magmpm import sensitivities
 from magmpm.bodies.surface_mesh import Mesh, write_stl
+from magmpm.dynamics.quasi_static import PathState, follow
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.simulate import run
@@ -131,3 +132,49 @@ def test_a_closed_gripper_is_where_its_motion_comes_to_rest(tmp_path: Path) -> N
     one, other = (each.contacts["self_contact: palm, ball"] for each in (still, moved))
     size = np.linalg.norm(other["force"])
     np.testing.assert_allclose(one["force"], other["force"], atol=0.1 * size)
+
+
+def dragged(folder: Path, steps: int) -> Scene:
+    """A bar on a held floor, pressed by its weight and dragged by its end, which is moved."""
+    meshes: dict[str, tuple[Mesh, dict[str, Any]]] = {
+        "floor": (box((-3e-3, -2e-3, -2e-3), (5e-3, 4e-3, 0.0)), {"clamp": True}),
+        "bar": (box((0.0, 0.0, 5e-6), (8e-3, 2e-3, 2e-3)), {}),
+        "end": (box((8e-3, 0.0, 5e-6), (10e-3, 2e-3, 2e-3)), {"clamp": True}),
+    }
+    pulled = {"along": [1.0, 0.0, 0.0], "distance": 0.1e-3}
+    return moving_scene(
+        parts(folder, meshes, 0.99e-3),
+        {"gravity": {"acceleration": [0.0, 0.0, -40.0]}, "self_contact": {"friction": 0.3}},
+        move={"end": {**pulled, "over_time": {"ramp": {"duration": 1.0}}}},
+        solver={"quasi_static": {"steps": steps, "duration": 1.0}},
+    )
+
+
+def test_a_bar_that_is_dragged_over_a_part_feels_friction_times_its_push(tmp_path: Path) -> None:
+    """Every point slides, so the floor pulls back by 0.3 of what it bears, to the 1e-3 to which friction is sought."""
+    told = run(dragged(tmp_path, 2)).contacts
+    assert told is not None
+    force = told["self_contact: floor, bar"]["force"]
+    assert force[0] == pytest.approx(-0.3 * force[2], rel=1e-3)
+    assert abs(force[1]) < 1e-3 * force[0]
+
+
+@pytest.mark.slow
+def test_a_path_with_friction_among_parts_goes_on_from_a_checkpoint(tmp_path: Path) -> None:
+    """Bit for bit, as what is held, and by what stretch, is stored."""
+
+    class Stopped(Exception):
+        pass
+
+    def stop(state: PathState) -> None:
+        if state.frame == 2:
+            raise Stopped
+
+    path = dragged(tmp_path, 3)
+    follow(path, folder=tmp_path / "whole")
+    with pytest.raises(Stopped):
+        follow(path, folder=tmp_path / "cut", on_state=stop)
+    follow(path, folder=tmp_path / "cut", resume=True)
+    for name in ("contacts.csv", "steps.csv"):
+        whole = (tmp_path / "whole" / name).read_bytes()
+        assert (tmp_path / "cut" / name).read_bytes() == whole

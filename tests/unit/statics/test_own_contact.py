@@ -1,5 +1,6 @@
 """A body that touches itself at rest: places, energy, force and tangent, against plain NumPy and differences."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +19,7 @@ from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, arranged, static_model
-from magmpm.statics.own_contact import RestingPairs
+from magmpm.statics.own_contact import HeldPairs, RestingPairs, holding, released
 
 # m
 SIZE = 3e-3
@@ -44,7 +45,8 @@ def held_cubes(folder: Path) -> StaticModel:
         "beyond": box((HIGH[0], *LOW[1:]), (HIGH[0] + SIZE, *HIGH[1:])),
     }
     held = ["behind", "beyond"]
-    scene = parts_scene(folder, meshes, {"self_contact": {}}, CELL, held=held, **REST)
+    effects = {"self_contact": {"friction": 0.4}}  # of paths alone
+    scene = parts_scene(folder, meshes, effects, CELL, held=held, **REST)
     return arranged(static_model(build(scene)))[0]
 
 
@@ -94,15 +96,31 @@ def test_pairs_are_those_of_plain_numpy(tmp_path: Path, rng: np.random.Generator
     np.testing.assert_allclose(moment, 0.0, atol=1e-12 * SIZE * size)  # places are found to 1e-12
 
 
+def rubbed(model: StaticModel, grid: np.ndarray, before: np.ndarray) -> StaticModel:
+    """The model as friction holds it on the way to coefficients (planes, m) m from those `before`."""
+    nodes, start = grid.reshape(-1, 3), before.reshape(-1, 3)
+    begun = released(model.pairs.touched(before), start, None)
+    held = holding(model.pairs.touched(grid), nodes, (begun, start))
+    return replace(model, pairs=model.pairs.held_by(held))
+
+
+@pytest.mark.parametrize("rough", [False, True])
 def test_force_and_tangent_are_derivatives_of_the_energy(
-    model: StaticModel, rng: np.random.Generator
+    model: StaticModel, rng: np.random.Generator, rough: bool
 ) -> None:
-    """By central differences of one set of pairs; with the tangent's factors what its products give is solved for again."""
-    energy = Energy(model)
+    """By central differences of one set of pairs; with the tangent's factors what its products give is solved for again. rough: friction
+    holds some, and others slide."""
     grid = pressed(model, rng)
+    if rough:
+        before = grid + 5e-5 * rng.standard_normal(grid.shape)
+        before[model.layout.fixed] = 0.0
+        model = rubbed(model, grid, before)
+    energy = Energy(model)
     point = energy.at(grid)
     own = point.own
     assert len(own.point) > 30
+    if rough:
+        assert 5 < np.count_nonzero(own.rubs.slides) < len(own.rubs.slides) - 5
     d = 1e-6 * rng.standard_normal(grid.shape)
     energy.free(d)
     step = 1e-3  # of d: 1e-9 m
@@ -122,6 +140,44 @@ def test_force_and_tangent_are_derivatives_of_the_energy(
     solved = matrix.solve(energy.free(whole + more * d))
     np.testing.assert_allclose(solved, d, rtol=0, atol=1e-12 * np.abs(d).max())
     np.testing.assert_array_equal(residual, energy.residual(point))
+
+
+def test_friction_is_equal_and_opposite_and_what_it_may_be(
+    model: StaticModel, rng: np.random.Generator
+) -> None:
+    """Along each surface, at most 0.4 of its push, and that where it slides; what stays held goes on with no more than that."""
+    grid = pressed(model, rng)
+    before = np.zeros_like(grid)  # nothing touches
+    own = rubbed(model, grid, before).pairs.touched(grid)
+    rubs = own.rubs
+    assert rubs is not None
+    push = own.push * np.linalg.norm(own.normal, axis=1)
+    size = np.linalg.norm(rubs.f, axis=1)
+    np.testing.assert_allclose(size[rubs.slides], 0.4 * push[rubs.slides], rtol=1e-12)
+    assert (size <= 0.4 * push * (1 + 1e-12)).all()
+    assert np.abs(np.einsum("ti,ti->t", rubs.f, own.normal)).max() < 1e-12 * push.max()
+    held = rubs.pairs
+    assert HeldPairs.restored(held.state()).share is held.share
+    free = released(own, grid.reshape(-1, 3), held)
+    kept = free.stretch(grid.reshape(-1, 3)) - free.held.anchor
+    pull = held.held.stiffness * np.linalg.norm(kept, axis=1)
+    assert (pull <= 0.4 * push * (1 + 1e-9)).all()
+
+
+def test_what_begins_to_touch_is_held_where_it_met(model: StaticModel) -> None:
+    """Of a way of 1.6 gaps toward the other and half a gap along it, 0.6 of 1.6 are left when it touches: to 1e-6, as meshes are of single
+    precision."""
+    layout = model.layout
+    grid = np.zeros((layout.planes, layout.nodes_per_plane, 3))
+    grid[: layout.planes // 2] = [1.6 * GAP, 0.5 * GAP, 0.0]
+    grid = grid.reshape(layout.planes, -1)
+    grid[layout.fixed] = 0.0
+    held = rubbed(model, grid, np.zeros_like(grid)).pairs.held
+    assert held is not None
+    stretch = held.stretch(grid.reshape(-1, 3)) - held.held.anchor
+    along = 0.5 * GAP * 0.6 / 1.6 * np.where(held.held.normal[:, 0] < 0, 1.0, -1.0)
+    assert len(along) > 30
+    np.testing.assert_allclose(stretch[:, 1], along, rtol=0, atol=1e-6 * SIZE)
 
 
 def test_nothing_passes_unseen(model: StaticModel) -> None:

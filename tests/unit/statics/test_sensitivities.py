@@ -336,6 +336,7 @@ def test_along_a_path_they_are_those_of_its_last_equilibrium(name: str, tmp_path
             ),
             "effects.walls.friction",
         ),
+        ("self_contact: {friction: 0.4}", "effects.self_contact.friction: received 0.4"),
         ("feed: {speed: 10 mm/s, exit: 20 mm}", "effects.feed"),
     ],
 )
@@ -350,7 +351,7 @@ def test_what_remembers_its_way_is_refused(more: str, key: str, tmp_path: Path) 
     slippery = {
         kind: {**effect, "friction": 0}
         for kind, effect in data["effects"].items()
-        if kind in ("ground", "walls")
+        if kind in ("ground", "walls", "self_contact")
     }
     if slippery:
         data["effects"] |= slippery
