@@ -132,25 +132,21 @@ def sweep(
         known = _known(keep)
         work = Path(mkdtemp(prefix="magmpm-sweep-"))
         stack.callback(evaluate.forget, work)
-        rows: list[dict[str, Any] | None] = [None] * len(combined)
+        rows: dict[int, dict[str, Any]] = {}
         keys: dict[int, str] = {}
+        jobs: dict[int, _Row] = {}
         for k, (said, made) in enumerate(combined):
             if isinstance(made, InputError):
                 rows[k] = {**said, "failed": evaluate.reason(made)}
+                continue
+            keys[k] = _key(made, measures, functions, beside)
+            if keys[k] in known:
+                rows[k] = {**said, **known[keys[k]]}
             else:
-                keys[k] = _key(made, measures, functions, beside)
-        left = [k for k, key in keys.items() if key not in known]
-        for k, key in keys.items():
-            if key in known:
-                rows[k] = {**combined[k][0], **known[key]}
+                jobs[k] = _Row(made.to_si(), work / str(k), measures, beside, bool(functions))
         count = workers or os.cpu_count() or 1
-        if executor is None and count > 1 and len(left) > 1:
-            executor = stack.enter_context(evaluate.Processes(min(count, len(left))))
-        jobs = {
-            k: _Row(made.to_si(), work / str(k), measures, beside, bool(functions))
-            for k, (_, made) in enumerate(combined)
-            if isinstance(made, Scene) and keys[k] not in known
-        }
+        if executor is None and count > 1 and len(jobs) > 1:
+            executor = stack.enter_context(evaluate.Processes(min(count, len(jobs))))
 
         def took(k: int, outcome: _Outcome) -> None:
             found, answer = outcome
@@ -162,14 +158,14 @@ def sweep(
                 with (keep / ROWS).open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps({"key": keys[k], "found": found}) + "\n")
             if on_row is not None:
-                on_row(rows[k] or {})
+                on_row(rows[k])
 
         if executor is None:
-            for k in left:
-                took(k, _measured(jobs[k]))
+            for k, job in jobs.items():
+                took(k, _measured(job))
         else:
             futures: dict[Future[_Outcome], int] = {
-                executor.submit(_measured, jobs[k]): k for k in left
+                executor.submit(_measured, job): k for k, job in jobs.items()
             }
             for done in as_completed(futures):
                 try:
@@ -178,7 +174,7 @@ def sweep(
                     k = futures[done]
                     evaluate.forget(jobs[k].folder)
                     rows[k] = {**combined[k][0], "failed": f"the process that ran it {death}"}
-    return SweepTable([row for row in rows if row is not None])
+    return SweepTable([rows[k] for k in sorted(rows)])
 
 
 def _measures(
