@@ -294,13 +294,8 @@ class TotalMotion:
 
     def slowed(self, v: Array, effects: Records) -> Array:
         """Acceleration of the nodes (3 nodes,) m/s^2 at the present displacements and velocities v (3 nodes,) m/s, with effects."""
-        after = v.copy()
         apart = () if self.contact is None else self.contact.apart()
-        u = self.u.copy()
-        self._advance(
-            1, 1.0, effects, u, after, np.zeros_like(u), self.touching.copy(), meeting=apart
-        )
-        return after - v
+        return self._tried(1.0, effects, self.u, v, body=self._body(apart)) - v
 
     def particles(self) -> tuple[Array, Array, Array]:
         """x m, v m/s (n, 3) and F (n, 3, 3), in the model's order."""
