@@ -31,12 +31,12 @@ MOST_AT_THE_ROOT = 8
 FACE = 80  # lines
 # Ceilings: they fall from issue to issue. Lines are free: readable type takes more of them.
 MOST_NODES = (
-    543_628  # syntax nodes of magmpm, studies and viz; 520_500 before fluids and contact at rest
+    547_136  # syntax nodes of magmpm, studies and viz; 520_500 before fluids and contact at rest
 )
 MOST_TUPLES = 92  # assignments of several values to several names in one statement
 MOST_LONG_LINES = 41  # lines of code over 100 columns: formulas
 MOST_CONSTANTS = 300  # named numbers of modules
-MOST_OF_MANY_ARGUMENTS = 17  # functions of more than 8 arguments
+MOST_OF_MANY_ARGUMENTS = 16  # functions of more than 8 arguments
 MOST_TWICE = 0  # class names that stand more than once
 MOST_IN_README = 80  # lines
 # of the packages; monkeypatch.setattr in tests
