@@ -107,9 +107,8 @@ def test_bars_end_to_end_press_each_other_by_what_theory_says(tmp_path: Path) ->
     np.testing.assert_allclose(found.contacts[pair]["force"][1:], 0.0, atol=1e-3 * expected)
 
 
-@pytest.mark.slow
-def test_a_closed_gripper_is_where_its_motion_comes_to_rest(tmp_path: Path) -> None:
-    """Fingers on a ball that is held, within 2 % of the gripper's length; and the forces by pair balance alike."""
+def gripper(folder: Path) -> dict[str, Any]:
+    """Two magnetized fingers that hang from a palm, around a ball that is held."""
     meshes: dict[str, tuple[Mesh, dict[str, Any]]] = {
         "palm": (box((-6e-3, -2e-3, 0.0), (6e-3, 2e-3, 2e-3)), {"clamp": True}),
         "left": (
@@ -122,7 +121,13 @@ def test_a_closed_gripper_is_where_its_motion_comes_to_rest(tmp_path: Path) -> N
         ),
         "ball": (ball((0.2e-3, 0.0, -11e-3), 3e-3, 24), {"clamp": True}),
     }
-    body = parts(tmp_path, meshes, 1e-3)
+    return parts(folder, meshes, 1e-3)
+
+
+@pytest.mark.slow
+def test_a_closed_gripper_is_where_its_motion_comes_to_rest(tmp_path: Path) -> None:
+    """Fingers on a ball that is held, within 2 % of the gripper's length; and the forces by pair balance alike."""
+    body = gripper(tmp_path)
     effects = {"magnetic_torque": {}, "self_contact": {}}
     field = {"uniform": [0.0, 0.0, 0.02]}
     still = run(moving_scene(body, effects, field=field, **STATIC))
@@ -178,3 +183,21 @@ def test_a_path_with_friction_among_parts_goes_on_from_a_checkpoint(tmp_path: Pa
     for name in ("contacts.csv", "steps.csv"):
         whole = (tmp_path / "whole" / name).read_bytes()
         assert (tmp_path / "cut" / name).read_bytes() == whole
+
+
+@pytest.mark.slow
+def test_a_gripper_closes_with_friction_as_in_a_slow_motion(tmp_path: Path) -> None:
+    """Its pull on the ball, after a path of four equilibria and after 0.6 s, differs by less than 3 %, as the motion still drags a little.
+    Without friction it is a third of that."""
+    body = gripper(tmp_path)
+    effects = {"magnetic_torque": {}, "self_contact": {"friction": 0.4}}
+
+    def pull(duration: float, **more: Any) -> np.ndarray:
+        field = {"uniform": [0.0, 0.0, 0.02], "over_time": {"ramp": {"duration": duration}}}
+        told = run(moving_scene(body, duration=duration, field=field, **more)).contacts
+        assert told is not None
+        return np.array(told["self_contact: palm, ball"]["force"])
+
+    still = pull(1.0, effects=effects, solver={"quasi_static": {"steps": 4, "duration": 1.0}})
+    moved = pull(0.6, effects={**effects, "damping": {"rate": 100.0}})
+    np.testing.assert_allclose(still, moved, rtol=0, atol=0.03 * np.linalg.norm(moved))

@@ -372,7 +372,7 @@ def test_tests_patch_little() -> None:
 def test_readme_and_pages_are_read_in_one_sitting() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MOST_IN_README
     assert (
-        sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 2_638
+        sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 2_667
     )  # sentences stand in paragraphs, which take more lines than cells of tables
 
 
