@@ -181,24 +181,31 @@ def faces_of(corners: Array) -> Array:
 def _part_to_triangles(part, given):
     """`to_triangles` of one part of the points."""
     points, corners, found = given
+    x = np.empty(3)
     away = np.empty(3)
     for k in range(part * TOGETHER, min((part + 1) * TOGETHER, len(points))):
-        for triangle in corners:
-            found[k] = min(found[k], to_triangle(points[k], triangle.ravel(), away)[0])
+        nearest = np.inf
+        for i in range(3):
+            x[i] = points[k, i]
+        for f in range(0, len(corners), 9):
+            nearest = min(nearest, to_triangle(x, corners, f, away)[0])
+        found[k] = nearest
 
 
 @compiled
 def to_triangles(points, corners):
     """Distance (n,) m of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
-    found = np.full(len(points), np.inf)
-    over_parts(parts_of(len(points)), task(_part_to_triangles, (points, corners, found)))
+    found = np.empty(len(points))
+    # slices of an array that threads share would make them wait for its count of owners
+    flat = np.ascontiguousarray(corners).reshape(-1)
+    over_parts(parts_of(len(points)), task(_part_to_triangles, (points, flat, found)))
     return found
 
 
 @compiled
-def to_triangle(x, corners, away):
-    """Distance (m) of x (3,) m from a triangle, corners (9,) m, and where its nearest place is: 0, 1, 2: at that corner; ON_EDGE; WITHIN.
-    away (3,) m: from there to x. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
+def to_triangle(x, faces, f, away):
+    """Distance (m) of x (3,) m from the triangle whose corners (m) begin at faces[f], and where its nearest place is: 0, 1, 2: at that
+    corner; ON_EDGE; WITHIN. away (3,) m: from there to x. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
     d1 = 0.0
     d2 = 0.0
     d3 = 0.0
@@ -206,11 +213,11 @@ def to_triangle(x, corners, away):
     d5 = 0.0
     d6 = 0.0
     for i in range(3):
-        ab = corners[3 + i] - corners[i]
-        ac = corners[6 + i] - corners[i]
-        ap = x[i] - corners[i]
-        bp = x[i] - corners[3 + i]
-        cp = x[i] - corners[6 + i]
+        ab = faces[f + 3 + i] - faces[f + i]
+        ac = faces[f + 6 + i] - faces[f + i]
+        ap = x[i] - faces[f + i]
+        bp = x[i] - faces[f + 3 + i]
+        cp = x[i] - faces[f + 6 + i]
         d1 = d1 + ab * ap
         d2 = d2 + ac * ap
         d3 = d3 + ab * bp
@@ -245,17 +252,17 @@ def to_triangle(x, corners, away):
     for i in range(3):
         away[i] = (
             x[i]
-            - corners[i]
-            - v * (corners[3 + i] - corners[i])
-            - w * (corners[6 + i] - corners[i])
+            - faces[f + i]
+            - v * (faces[f + 3 + i] - faces[f + i])
+            - w * (faces[f + 6 + i] - faces[f + i])
         )
     return np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2), at
 
 
 @compiled
-def beside(best, side, d, at, face, away):
-    """The smallest distance (m) from some faces and the side of the nearest, negative inside; best, side: those without the last one, face
-    (12,), which is at the distance d, its nearest place `at`, from there by `away` (3,) m.
+def beside(best, side, d, at, faces, f, away):
+    """The smallest distance (m) from some faces and the side of the nearest, negative inside; best, side: those without the last one, whose
+    12 numbers begin at faces[f], which is at the distance d, its nearest place `at`, from there by `away` (3,) m.
 
     Faces that share the nearest place count by the angle seen from there (Baerentzen, Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005)).
     """
@@ -267,13 +274,13 @@ def beside(best, side, d, at, face, away):
         uu = 0.0
         vv = 0.0
         for i in range(3):
-            u = face[(3 * at + 3) % 9 + i] - face[3 * at + i]
-            v = face[(3 * at + 6) % 9 + i] - face[3 * at + i]
+            u = faces[f + (3 * at + 3) % 9 + i] - faces[f + 3 * at + i]
+            v = faces[f + (3 * at + 6) % 9 + i] - faces[f + 3 * at + i]
             uv = uv + u * v
             uu = uu + u * u
             vv = vv + v * v
         angle = np.arccos(max(-1.0, min(1.0, uv / np.sqrt(uu * vv + 1e-300))))
-    turned = angle * (face[9] * away[0] + face[10] * away[1] + face[11] * away[2])
+    turned = angle * (faces[f + 9] * away[0] + faces[f + 10] * away[1] + faces[f + 11] * away[2])
     return (d, turned) if d < best * (1.0 - TIE) else (min(d, best), side + turned)
 
 
@@ -293,13 +300,13 @@ def to_faces(begin, end, near, faces, x, normal):
         )
         if along > best * (1.0 + TIE) or (flat and along > best * (1.0 - TIE)):
             continue  # no place on it is nearer
-        d, at = to_triangle(x, faces[f : f + 9], normal)
+        d, at = to_triangle(x, faces, f, normal)
         if d < best:
             nearest = f
             flat = at == WITHIN
-        best, side = beside(best, side, d, at, faces[f : f + 12], normal)
+        best, side = beside(best, side, d, at, faces, f, normal)
     d = np.copysign(best, side)
-    _ = to_triangle(x, faces[nearest : nearest + 9], normal)
+    _ = to_triangle(x, faces, nearest, normal)
     for i in range(3):
         normal[i] = faces[nearest + 9 + i] if flat or d == 0.0 else normal[i] / d
     return d
@@ -315,6 +322,7 @@ def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
     high = np.empty(3, np.int64)
     x = np.empty(3)
     away = np.empty(3)
+    flat = faces.reshape(-1)
     points = [0 for _ in range(0)]
     found = [0 for _ in range(0)]
     for f in range(len(faces)):
@@ -332,9 +340,9 @@ def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
                         origin[1] + spacing * j,
                         origin[2] + spacing * k,
                     )
-                    d, at = to_triangle(x, faces[f, :9], away)
+                    d, at = to_triangle(x, flat, 12 * f, away)
                     values[i, j, k], side[i, j, k] = beside(
-                        values[i, j, k], side[i, j, k], d, at, faces[f], away
+                        values[i, j, k], side[i, j, k], d, at, flat, 12 * f, away
                     )
                     if listed[i, j, k] and d <= values[i, j, k] + beyond:
                         points.append((i * values.shape[1] + j) * values.shape[2] + k)
