@@ -293,7 +293,7 @@ def test_the_matrix_takes_the_bytes_that_are_said_before_anything_is_built(scene
     assert 1.0 <= operations(scene)[1] / (8 * 3 * layout.planes * layout.m**2) < 1.1
 
 
-@pytest.mark.parametrize("cells", [4, 6])
+@pytest.mark.parametrize("cells", [4, pytest.param(6, marks=pytest.mark.slow)])
 def test_the_bound_of_a_tubes_error_counts_its_cells_around(cells: int) -> None:
     """A slender tube with a bore of a third: 4 and 6 cells across both have 10 around its axis, where nearly all of its error is."""
     scene = rod_scene(length=96e-3, inner_diameter=1.3e-3, field=(0.0, 0.0, 0.4e-3)).with_cells(
