@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magmpm.bodies.curves import face_normals
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere, inner
 from magmpm.compiled.parallel import TOGETHER, over_parts, parts_of, task
@@ -168,7 +169,7 @@ def solid(parts: Sequence[Array], outside: Array, spacing: float, within: float)
 
 def faces_of(corners: Array) -> Array:
     """Corners m and unit normals (m, 12), outward, of triangles (m, 3, 3) m; a normal is 0 where they have no area."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = face_normals(corners)
     return np.column_stack(
         [
             corners.reshape(-1, 9),

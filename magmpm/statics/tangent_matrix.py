@@ -138,7 +138,7 @@ class Sparse:
         if len(both) > len(self._coupled):
             self._coupled = both
             order = self._layout.eliminated([self._coupled])
-            for name in ("_own", "_nodes", "_unknowns"):
+            for name in ("_own", "_unknowns"):
                 self.__dict__.pop(name, None)
             self._cell_blocks = self._layout.cell_blocks_in(order)
             self._bond_stiffness = self._layout.bond_stiffness_in(order)
@@ -151,16 +151,11 @@ class Sparse:
         return self._order.fronts.block_first[:-1]
 
     @cached_property
-    def _nodes(self) -> Index:
-        """Number (nodes,) of each node, in the order of elimination, among all (planes nodes_per_plane)."""
-        node = np.empty(len(self._order.number), np.int64)
-        node[self._order.number] = self._layout.free_nodes
-        return node
-
-    @cached_property
     def _unknowns(self) -> Index:
         """Place (3 nodes,) of each unknown, in the order of elimination, among all (planes m)."""
-        return (3 * self._nodes[:, None] + np.arange(3)).ravel()
+        node = np.empty(len(self._order.number), np.int64)
+        node[self._order.number] = self._layout.free_nodes
+        return (3 * node[:, None] + np.arange(3)).ravel()
 
     def clear(self) -> None:
         self.blocks[:] = 0.0
@@ -208,10 +203,12 @@ class Sparse:
         planes, count, m = right.shape
         ordered = right.transpose(1, 0, 2).reshape(count, planes * m)[:, self._unknowns]
         out = np.zeros((count, planes * m))
-        out[:, self._unknowns] = sparse_cholesky.solve_columns(
-            self._order.fronts, self._values, ordered
-        )
+        out[:, self._unknowns] = self._solved(ordered)
         return np.ascontiguousarray(out.reshape(count, planes, m).transpose(1, 0, 2))
+
+    def _solved(self, ordered: Array) -> Array:
+        """Solutions (k, unknowns) for right-hand sides (k, unknowns), both in the order of elimination."""
+        return sparse_cholesky.solve_columns(self._order.fronts, self._values, ordered)
 
 
 class SparseOfEachAxis(Sparse):
@@ -223,14 +220,11 @@ class SparseOfEachAxis(Sparse):
         one = np.ascontiguousarray(self.blocks[:, :1, :1])
         return sparse_cholesky.factor(self._order.fronts, one, self._values, self._rooms) < 0
 
-    def solve(self, right: Array) -> Array:
-        """Solution (planes, m) for a right-hand side (planes, m)."""
-        ordered = right.reshape(-1, 3)[self._nodes].T
-        out = np.zeros((right.size // 3, 3))
-        out[self._nodes] = sparse_cholesky.solve_columns(
-            self._order.fronts, self._values, ordered
-        ).T
-        return out.reshape(right.shape)
+    def _solved(self, ordered: Array) -> Array:
+        k = len(ordered)
+        by_axis = ordered.reshape(k, -1, 3).transpose(0, 2, 1).reshape(3 * k, -1)
+        found = super()._solved(by_axis)
+        return found.reshape(k, 3, -1).transpose(0, 2, 1).reshape(k, -1)
 
 
 def new_matrix(scene: Scene, layout: UnknownsLayout) -> Bands | Sparse:

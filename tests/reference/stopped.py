@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from magmpm.dynamics.quasi_static import PathState, follow
 from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.errors import SolveError
 from magmpm.model import build
@@ -33,3 +34,14 @@ def interrupted(scene: Scene, folder: Path, at: float) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         integrate(begin(build(scene)), folder=folder, on_progress=look)
+
+
+def interrupted_path(scene: Scene, folder: Path, frame: int) -> None:
+    """Follow a path in a folder, and interrupt it after this frame."""
+
+    def look(state: PathState) -> None:
+        if state.frame == frame:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        follow(scene, folder=folder, on_state=look)

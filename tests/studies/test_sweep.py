@@ -14,6 +14,7 @@ from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.goals.measures import function_of
+from magmpm.studies.goals.sweep import ROWS
 
 
 def test_a_process_that_ends_is_a_failed_row_that_is_tried_again(tmp_path: Path) -> None:
@@ -164,3 +165,22 @@ def test_wrong_sweeps_are_refused(values: Any, measure: str, told: str) -> None:
     with pytest.raises(InputError) as error:
         magmpm.sweep(Scene.from_si(plain(SCENE)), values, measure=[measure])
     assert told in str(error.value)
+
+
+def test_a_sweep_that_is_ended_says_what_is_kept_and_goes_on(tmp_path: Path, told) -> None:
+    """By SIGTERM, as job schedulers end a command, in the second of three rows."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    (tmp_path / "own.py").write_text(
+        "import os, signal\nfrom pathlib import Path\n\n\ndef reach(result):\n"
+        "    ended = Path(__file__).with_name('ended')\n"
+        "    if result.field[2] > 2.5e-3 and not ended.exists():\n"
+        "        ended.touch()\n        os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    return result.tip[2]\n"
+    )
+    command: list[object] = ["sweep", tmp_path / "scene.yaml", "--workers", 1]
+    command += ["--set", "field.uniform[2]=2 mT,3 mT,5 mT"]
+    command += ["--measure", f"{{python: {tmp_path}/own.py:reach}}", "--out", tmp_path / "out"]
+    told(*command, status=1, says=f"interrupted; {tmp_path / 'out'} has the finished rows")
+    assert len((tmp_path / "out" / ROWS).read_text().splitlines()) == 1
+    told(*command)
+    assert len((tmp_path / "out" / ROWS).read_text().splitlines()) == 3

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from reference.scenes import G
 from reference.solids import between, box
+from reference.stopped import interrupted_path
 
 from magmpm.bodies.surface_mesh import write_stl
 from magmpm.dynamics import energies
@@ -325,17 +326,8 @@ def test_a_body_that_slips_is_followed_until_it_does() -> None:
 @pytest.mark.slow
 def test_a_path_goes_on_from_a_checkpoint_bit_for_bit(tmp_path: Path) -> None:
     """Anchors, and how strongly points are held, are stored."""
-
-    class Stopped(Exception):
-        pass
-
-    def stop(state: PathState) -> None:
-        if state.frame == 4:
-            raise Stopped
-
     run(pressed(6, FRICTION), folder=tmp_path / "whole")
-    with pytest.raises(Stopped):
-        follow(pressed(6, FRICTION), folder=tmp_path / "cut", on_state=stop)
+    interrupted_path(pressed(6, FRICTION), tmp_path / "cut", 4)
     follow(pressed(6, FRICTION), folder=tmp_path / "cut", resume=True)
     for name in ("energies.csv", "contacts.csv", "steps.csv"):
         assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (

@@ -8,10 +8,11 @@ import pytest
 from reference.moving import DENSITY, moving_scene
 from reference.scenes import G
 from reference.solids import ball, box
+from reference.stopped import interrupted_path
 
 from magmpm import sensitivities
 from magmpm.bodies.surface_mesh import Mesh, write_stl
-from magmpm.dynamics.quasi_static import PathState, follow
+from magmpm.dynamics.quasi_static import follow
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.simulate import run
@@ -167,18 +168,9 @@ def test_a_bar_that_is_dragged_over_a_part_feels_friction_times_its_push(tmp_pat
 @pytest.mark.slow
 def test_a_path_with_friction_among_parts_goes_on_from_a_checkpoint(tmp_path: Path) -> None:
     """Bit for bit, as what is held, and by what stretch, is stored."""
-
-    class Stopped(Exception):
-        pass
-
-    def stop(state: PathState) -> None:
-        if state.frame == 2:
-            raise Stopped
-
     path = dragged(tmp_path, 3)
     follow(path, folder=tmp_path / "whole")
-    with pytest.raises(Stopped):
-        follow(path, folder=tmp_path / "cut", on_state=stop)
+    interrupted_path(path, tmp_path / "cut", 2)
     follow(path, folder=tmp_path / "cut", resume=True)
     for name in ("contacts.csv", "steps.csv"):
         whole = (tmp_path / "whole" / name).read_bytes()
