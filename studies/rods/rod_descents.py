@@ -377,6 +377,32 @@ class DescendingRods:
         field = _on_sphere(uniform[:, None, -3:])[:, 0] * (0.4 + 0.6 * uniform[:, -1:])
         return self.state(directions, field, self.family.straight(starts), np.full(starts, DAMPING))
 
+    def beside(self, at: RodDescents, draw: np.random.Generator, turn: float) -> RodDescents:
+        """Begin descents at designs that are drawn beside others.
+
+        Parameters
+        ----------
+        at : RodDescents
+            The others.
+        draw : numpy.random.Generator
+            Of random numbers.
+        turn : float, rad
+            Root mean square of each direction's turns about the axes, and of what each component of the field, in shares of the
+            greatest, is changed by.
+
+        Returns
+        -------
+        RodDescents
+            The descents.
+        """
+        turns = np.cross(draw.normal(0.0, turn, at.directions.shape), at.directions)
+        field = at.field
+        if self.field_max is not None:
+            field = field + draw.normal(0.0, turn, field.shape)
+            field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
+        damping = np.full(len(field), DAMPING)
+        return self.state(_turned(at.directions, turns), field, at.quaternions, damping)
+
 
 def _along_target(scene: Scene, target: Array, s: Array) -> Array:
     """Places (n + 1, 3) m of the rod's frames if it has the target's shape; beyond the target's end it goes on straight."""

@@ -10,7 +10,10 @@ under a load that grows in steps, and what is left is solved again as `solve_rod
 
 What a weaker field reaches, a stronger one reaches too. So where the field varies, other descents begin in a weak field, in which a rod has
 one equilibrium, and go on as its bound grows to the study's, each bound with the designs of the one before; the best of each bound are
-kept. If all that ends farther from the target than FAR_FROM_TARGET of the length, it is searched from more points.
+kept. If all that ends farther from the target than FAR_FROM_TARGET of the length, it is searched from more points, and then beside the
+best designs again and again: where a body is about to snap, a descent ends at the edge of what it can reach without, and goes on from
+designs beside it.
+Source: Wales and Doye, J. Phys. Chem. A 101 (1997) 5111 (basin hopping).
 
 A field that varies in space, and its gradient, are taken at the places of the target, where the body is if the design is right. Where the
 scene has no rod, there are no designs.
@@ -112,11 +115,14 @@ def rod_designs(
     found = _verified(scene, problem, regions, _searched(problem, first))
     for near, search in _more_searches(problem, first, np.asarray(points.random(starts))):
         if any(design.rms < near * scene.length for design in found):
-            break
+            return found[:keep]
         for within, at in search():  # what a smaller bound allows the last one allows
             last = within.field_max == field_max
             found += _verified(scene, within, regions, at if last else at.best(EACH_BOUND))
         found = _best_first(found, scene.length)
+    if found and found[0].rms > FAR_FROM_TARGET * scene.length:
+        beside = _beside(problem, found, np.random.default_rng([seed]))
+        found = _best_first([*found, *_verified(scene, problem, regions, beside)], scene.length)
     return found[:keep]
 
 
@@ -127,6 +133,26 @@ def _searched(problem: DescendingRods, uniform: Array) -> RodDescents:
         problem.begun(uniform), [(8, max(starts // 2, 12)), (10, max(starts // 4, 12))]
     )
     return problem.carefully(at, [(12, 12)])
+
+
+def _beside(
+    problem: DescendingRods,
+    found: Sequence[RodDesign],
+    draw: np.random.Generator,
+    rounds: int = 6,
+    count: int = 12,
+    turn: float = 0.3,
+) -> RodDescents:
+    """Descents from designs beside the best ones, `rounds` times; turn, rad: of directions and field, root mean square about each axis."""
+    chosen = [found[k % len(found)] for k in range(count)]
+    directions = np.stack([design.directions for design in chosen])
+    field = np.stack([design.field for design in chosen]) / (problem.field_max or 1.0)
+    straight = problem.family.straight(count)
+    at = problem.carefully(problem.state(directions, field, straight, np.full(count, DAMPING)), [])
+    for _ in range(rounds):
+        at = at.and_those(problem.carefully(problem.beside(at, draw, turn), [(12, count)]))
+        at = at.best(count)
+    return problem.carefully(at, [(12, 8)])
 
 
 def _more_searches(
