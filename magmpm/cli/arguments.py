@@ -248,7 +248,7 @@ COMMANDS = {
         "write a study as one page, HTML and PDF",
         "Write the page of a study: the best design as a sheet from which it can be made, with"
         " drawing, tolerances and accuracy; pictures; and how to reproduce it. PDF needs"
-        " WeasyPrint or Chromium.",
+        " WeasyPrint.",
         (
             _value("folder", "DIR", "folder of a study, such as runs/s_shape"),
             _flag("--quick", "omit tolerances and accuracy, which solve the best design again"),

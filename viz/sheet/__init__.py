@@ -4,7 +4,6 @@ Everything comes as plain data (studies.sheet) and files of pictures; every text
 """
 
 from magmpm.viz.sheet.goal import goal_page
-from magmpm.viz.sheet.printing import PrintError, printed
-from magmpm.viz.sheet.whole import Pictures, page
+from magmpm.viz.sheet.whole import Pictures, PrintError, page, printed
 
 __all__ = ["Pictures", "PrintError", "goal_page", "page", "printed"]

@@ -1,4 +1,4 @@
-"""The page of a study, from what is known of it (studies.sheet.facts) and its pictures."""
+"""The page of a study, from what is known of it (studies.sheet.facts) and its pictures; and as PDF, by WeasyPrint."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from magmpm.errors import MagmpmError, install
+from magmpm.results.whole_file import whole_file
 from magmpm.viz.sheet import design, found
 from magmpm.viz.sheet.markup import NOTHING, Markup, PictureError, figure, joined, movie, safe, tag
 
@@ -173,3 +175,29 @@ def _strip(figures: list[Markup]) -> Markup:
         if figures
         else NOTHING
     )
+
+
+class PrintError(MagmpmError):
+    """Reason why no PDF could be made."""
+
+
+def printed(html: str, path: Path) -> str:
+    """Write a page as PDF. Returns what printed it. Raises PrintError where it can't be printed."""
+    remedy = f"{install('report')}, or print the page from a browser"
+    try:
+        import weasyprint
+        from weasyprint.urls import URLFetcher
+    except (ImportError, OSError) as error:  # OSError: Pango, which it draws with, is missing
+        reason = str(error).splitlines()[0]
+        raise PrintError(f"no PDF: WeasyPrint is not at hand ({reason}); {remedy}") from None
+
+    # paper can't be clicked; user texts are escaped and hold no such tag
+    html = html.replace("<details>", "<details open>")
+    only_within = URLFetcher(allowed_protocols=["data"])  # a page loads nothing from elsewhere
+    try:
+        with whole_file(path) as part:
+            weasyprint.HTML(string=html, url_fetcher=only_within).write_pdf(str(part))
+    except Exception as error:  # a printer's own faults: the page itself is there
+        why = f"{type(error).__name__}: {error}"
+        raise PrintError(f"no PDF: WeasyPrint did not print ({why}); {remedy}") from None
+    return f"WeasyPrint {weasyprint.__version__}"
