@@ -3,8 +3,8 @@
 Nodes (three unknowns each) that share an element are coupled. They are eliminated in an order that keeps the factors small; of three such
 orders the one that two threads are done with first is taken. Eliminating a node couples all its neighbors that come later. Nodes in a row
 with the same later neighbors form a front: a small dense matrix. Its first rows are the front's own nodes, which are eliminated in it;
-the others, its boundary, pass what is left to one front above it, its parent. So the fronts form a forest, and those of one depth are
-independent.
+the others, its boundary, pass what is left to one front above it, its parent. So the fronts form a forest. It is cut: the trees below
+the cut are independent, and so are the fronts of one depth above it.
 
 All of this depends on the pattern alone: it is found once for a body.
 Sources: Duff and Reid, ACM Trans. Math. Softw. 9 (1983) 302 (multifrontal method); Liu, SIAM Review 34 (1992) 82 (supernodes and trees).
@@ -13,13 +13,14 @@ Sources: Duff and Reid, ACM Trans. Math. Softw. 9 (1983) 302 (multifrontal metho
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from heapq import heapify, heappop, heappush
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Index
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
 
 # zeros in a front joined with the one above it, over its entries, for which fewer and larger fronts
@@ -36,9 +37,11 @@ class Fronts(NamedTuple):
     row_first (fronts + 1,), rows: its rows are rows[row_first[s] : row_first[s + 1]], its own nodes first.
     into: the place of each of these rows among the rows of the front's parent; -1 for its own nodes.
     at (fronts,): where its columns of the factors begin, (own unknowns, unknowns of the front), in blocks.
-    passed (fronts,): where in the room of its depth begins what it passes on, (boundary, boundary), in blocks.
+    passed (fronts,): where in the room of its depth begins what it passes on, (boundary, boundary), in blocks; depth (fronts,).
     child_first (fronts + 1,), child: the fronts that pass on to it.
-    level_first (levels + 1,), level: the fronts of one depth, the deepest first; depth (fronts,).
+    stage_first (stages + 1,), task_first (tasks + 1,), order: stages follow each other; tasks of one stage are independent, and each is
+    fronts in a row. Tasks of the first stage are the trees below the cut, one or several; each other task is one front.
+    tree (fronts,): the tree below the cut that it is of, -1 above it; above (nodes,): each node's place among those above the cut, or -1.
     block_first (nodes + 1,): first block of each node; block_place (blocks,): place of its later node in the front.
     """
 
@@ -50,8 +53,11 @@ class Fronts(NamedTuple):
     passed: Index
     child_first: Index
     child: Index
-    level_first: Index
-    level: Index
+    stage_first: Index
+    task_first: Index
+    order: Index
+    tree: Index
+    above: Index
     depth: Index
     block_first: Index
     block_place: Index
@@ -274,13 +280,11 @@ def _joined(columns: list[Index]) -> tuple[Index, list[Index]]:
     ]
 
 
-def _operations(first: Index, rows: Sequence[Index]) -> float:
-    """Multiplications and additions of a factorization: of each column, the square of its length below and on the diagonal."""
-    own = 3.0 * np.diff(first)
-    whole = 3.0 * np.array([len(each) for each in rows])
+def _work(own: Array, whole: Array) -> Array:
+    """Multiplications and additions of each front: of each own column, the square of its length below and on the diagonal."""
     rest = whole - own
-    return float(
-        np.sum((whole * (whole + 1) * (2 * whole + 1) - rest * (rest + 1) * (2 * rest + 1)) / 6)
+    return np.asarray(
+        (whole * (whole + 1) * (2 * whole + 1) - rest * (rest + 1) * (2 * rest + 1)) / 6
     )
 
 
@@ -304,15 +308,9 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
     depth = np.zeros(len(own), np.int64)
     for front in reversed(range(len(own))):
         depth[front] = 0 if above[front] < 0 else depth[above[front]] + 1
-    level = np.argsort(-depth, kind="stable")
-    level_first = np.concatenate([[0], np.cumsum(np.bincount(depth)[::-1])])
-    passed = np.zeros(len(own), np.int64)
-    room = 0
-    for begin, end in pairwise(level_first):
-        sizes = rest[level[begin:end]] ** 2
-        ends = np.cumsum(sizes)
-        passed[level[begin:end]] = ends - sizes
-        room = max(room, int(ends[-1]))
+    work = _work(3.0 * own, 3.0 * count)
+    tree = _trees_below(above, work)
+    passed, room = _rooms(tree, depth, rest**2)
     child = np.argsort(above, kind="stable")[int((above < 0).sum()) :]
     child_first = np.concatenate(
         [[0], np.cumsum(np.bincount(above[above >= 0], minlength=len(own)))]
@@ -332,13 +330,95 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
         passed,
         child_first,
         child,
-        level_first,
-        level,
+        *_stages(tree, depth, work, numba.get_num_threads()),
+        tree,
+        np.where(tree[front_of] < 0, np.cumsum(tree[front_of] < 0) - 1, -1),
         depth,
         block_first,
         place,
     )
-    return Elimination(number, fronts, int(sizes.sum()), room, _operations(first, structures))
+    return Elimination(number, fronts, int(sizes.sum()), room, float(work.sum()))
+
+
+def _trees_below(above: Index, work: Array, threads: int = 2) -> Index:
+    """Cut a forest where so many threads are done with it first: of each front the tree below the cut that it is of, or -1.
+
+    It does not depend on the threads that there are, because results depend on the cut.
+    """
+    whole = work.copy()  # of a front and all below it
+    children: list[list[int]] = [[] for _ in above]
+    roots = []
+    for front, parent in enumerate(above):  # a front's children come before it
+        if parent < 0:
+            roots.append((-whole[front], front))
+        else:
+            whole[parent] += whole[front]
+            children[parent].append(front)
+    total = -sum(size for size, _ in roots)
+    heapify(roots)
+    before = 0.0  # work above the cut
+    least = np.inf
+    cut: list[int] = []
+    kept = 0
+    while roots and before < least:
+        wait = before + max(-roots[0][0], (total - before) / threads)
+        if wait < least:
+            least = wait
+            kept = len(cut)
+        front = heappop(roots)[1]
+        cut.append(front)
+        before += work[front]
+        for child in children[front]:
+            heappush(roots, (-whole[child], child))
+    tree = np.full(len(above), -2)
+    tree[cut[:kept]] = -1
+    trees = 0
+    for front in reversed(range(len(above))):
+        if tree[front] == -1:
+            continue
+        parent = above[front]
+        if parent < 0 or tree[parent] == -1:
+            tree[front] = trees
+            trees += 1
+        else:
+            tree[front] = tree[parent]
+    return tree
+
+
+def _rooms(tree: Index, depth: Index, sizes: Index) -> tuple[Index, int]:
+    """Find the place of each front's numbers in the room of its depth, and the room's size: each tree has its own part of both rooms."""
+    begin = np.zeros(len(tree), np.int64)
+    room = 0
+    for one in range(-1, tree.max(initial=-1) + 1):
+        mine = np.flatnonzero(tree == one)
+        largest = 0
+        for level in np.unique(depth[mine]):
+            here = mine[depth[mine] == level]
+            ends = np.cumsum(sizes[here])
+            begin[here] = room + ends - sizes[here]
+            largest = max(largest, int(ends[-1]))
+        room += largest
+    return begin, room
+
+
+def _stages(tree: Index, depth: Index, work: Array, threads: int) -> tuple[Index, Index, Index]:
+    """Stages and tasks (Fronts): trees below the cut are shared among threads, the largest first."""
+    busy = np.zeros(threads)
+    of_thread: list[list[Index]] = [[] for _ in range(threads)]
+    deepest_first = np.argsort(-depth, kind="stable")
+    trees = [deepest_first[tree[deepest_first] == one] for one in range(tree.max(initial=-1) + 1)]
+    for fronts in sorted(trees, key=lambda fronts: -work[fronts].sum()):
+        free = int(np.argmin(busy))
+        busy[free] += work[fronts].sum()
+        of_thread[free].append(fronts)
+    tasks = [np.concatenate(fronts) for fronts in of_thread if fronts]
+    ends = [0, len(tasks)]
+    above = deepest_first[tree[deepest_first] < 0]
+    for level in np.unique(-depth[above]):
+        tasks += list(above[-depth[above] == level, None])
+        ends.append(len(tasks))
+    lengths = [len(fronts) for fronts in tasks]
+    return np.array(ends), np.concatenate([[0], np.cumsum(lengths)]), np.concatenate(tasks)
 
 
 def _places(rows: Index, row_first: Index, holder: Index, node: Index, nodes: int) -> Index:

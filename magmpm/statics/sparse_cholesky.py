@@ -1,8 +1,8 @@
 """Cholesky factors of a sparse tangent, front by front (statics.elimination).
 
 A front begins with the matrix's own blocks of its nodes, and with what the fronts below it pass on. Its own unknowns are eliminated
-by dpotrf, dtrsm and dsyrk. Fronts of one depth share nothing, and threads take them in turn; each is the work of one thread, in a fixed
-order, so that results do not depend on the number of threads.
+by dpotrf, dtrsm and dsyrk. Threads take the trees below the cut (Fronts), and then the fronts of each depth above it; each is the work of
+one thread, in a fixed order, so that results do not depend on the number of threads.
 
 Blocks are (size, size): 3 for a tangent; 1 where each axis has the same matrix, which then takes a 27th of the operations.
 """
@@ -11,7 +11,8 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import addresses, call
-from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.jit import compiled
+from magmpm.compiled.parallel import over_parts, task
 from magmpm.statics.elimination import Fronts
 
 
@@ -31,35 +32,40 @@ def _add_own(front, fronts, blocks, values, n):
 
 
 @compiled
-def _add_passed(child, front, fronts, values, below, room, size):
-    """Add what a child passes on: `below` is the room of its depth, `room` that of the front's depth."""
-    begin = fronts.row_first[child] + fronts.first[child + 1] - fronts.first[child]
-    end = fronts.row_first[child + 1]
-    n = size * (fronts.row_first[front + 1] - fronts.row_first[front])
-    own = size * (fronts.first[front + 1] - fronts.first[front])
-    rest = n - own
-    mine = size * size * fronts.at[front]
-    passed = size * size * fronts.passed[front]
+def _add_passed(child, front, fronts, below, out, boundary, size):
+    """Add what a child passes on to its parent's own columns in the factors, or to those of its boundary in the room of its depth.
+
+    out: the factors, or that room; below: the room of the child's depth.
+    """
+    own = fronts.first[front + 1] - fronts.first[front]
+    first = own if boundary else 0
+    begin = size * size * (fronts.passed[front] if boundary else fronts.at[front])
+    low = fronts.row_first[child] + fronts.first[child + 1] - fronts.first[child]
+    high = fronts.row_first[child + 1]
+    length = size * (high - low)
     source = size * size * fronts.passed[child]
-    length = size * (end - begin)
-    for q in range(begin, end):
-        column = size * fronts.into[q]
+    rows = size * (fronts.row_first[front + 1] - fronts.row_first[front] - first)
+    stretch = np.empty(
+        high - low, np.int64
+    )  # one past the last of the rows in a row, as they are in the parent
+    for q in range(high - 1, low - 1, -1):
+        follows = q + 1 < high and fronts.into[q + 1] == fronts.into[q] + 1
+        stretch[q - low] = stretch[q + 1 - low] if follows else q + 1
+    for q in range(low, high):
+        column = fronts.into[q] - first
+        if column < 0 or (not boundary and column >= own):
+            continue
         for k in range(size):
-            if column < own:
-                target = mine + (column + k) * n
-                shift = 0
-            else:
-                target = passed + (column + k - own) * rest
-                shift = own
-            for r in range(q, end):
-                there = target + size * fronts.into[r] - shift
-                here = source + (size * (q - begin) + k) * length + size * (r - begin)
-                if shift == 0:
-                    for i in range(size):
-                        values[there + i] += below[here + i]
-                else:
-                    for i in range(size):
-                        room[there + i] += below[here + i]
+            target = begin + (size * column + k) * rows
+            here = source + (size * (q - low) + k) * length
+            r = q
+            while r < high:
+                end = stretch[r - low]
+                there = target + size * (fronts.into[r] - first)
+                from_there = here + size * (r - low)
+                for i in range(size * (end - r)):
+                    out[there + i] += below[from_there + i]
+                r = end
 
 
 @compiled
@@ -75,16 +81,15 @@ def _eliminate(front, fronts, blocks, values, rooms, fortran):
     at = size * size * fronts.at[front]
     passes = size * size * fronts.passed[front]
     values[at : at + n * own] = 0.0
-    room[passes : passes + rest * rest] = 0.0
     _add_own(front, fronts, blocks, values, n)
     for k in range(fronts.child_first[front], fronts.child_first[front + 1]):
-        _add_passed(fronts.child[k], front, fronts, values, below, room, size)
+        _add_passed(fronts.child[k], front, fronts, below, values, False, size)
     potrf = fortran[0]
     trsm = fortran[1]
     syrk = fortran[2]
     sizes = np.array([n, own, rest, 0], np.int32)
     letters = np.array([82, 76, 84, 78], np.uint8)  # R L T N
-    signs = np.array([1.0, -1.0])
+    signs = np.array([1.0, -1.0, 0.0])
     ld = sizes[0:].ctypes.data
     columns = sizes[1:].ctypes.data
     rows = sizes[2:].ctypes.data
@@ -95,6 +100,7 @@ def _eliminate(front, fronts, blocks, values, rooms, fortran):
     plain = letters[3:].ctypes.data
     plus = signs[0:].ctypes.data
     minus = signs[1:].ctypes.data
+    nothing = signs[2:].ctypes.data
     top = values[at:].ctypes.data
     call(potrf, (lower, columns, top, ld, info))
     if sizes[3] != 0 or rest == 0:
@@ -102,28 +108,45 @@ def _eliminate(front, fronts, blocks, values, rooms, fortran):
     under = top + 8 * own
     call(trsm, (right, lower, trans, plain, rows, columns, plus, top, ld, under, ld))
     passed = room[passes:].ctypes.data
-    call(syrk, (lower, plain, rows, columns, minus, under, ld, plus, passed, rows))
+    # what is in the room is overwritten, and children are added to it: filled with zeros first, it would pass the memory twice more
+    call(syrk, (lower, plain, rows, columns, minus, under, ld, nothing, passed, rows))
+    for k in range(fronts.child_first[front], fronts.child_first[front + 1]):
+        _add_passed(fronts.child[k], front, fronts, below, room, True, size)
     return 0
 
 
-@kernel
+@compiled
+def _eliminate_task(part, arguments):
+    """Eliminate the fronts of a stage's task, until one is not positive definite. first: the stage's first task."""
+    fronts, blocks, values, rooms, fortran, failed, first = arguments
+    for k in range(fronts.task_first[first + part], fronts.task_first[first + part + 1]):
+        front = fronts.order[k]
+        failed[front] = _eliminate(front, fronts, blocks, values, rooms, fortran)
+        if failed[front] != 0:
+            return
+
+
+@compiled
 def _factor(fronts, blocks, values, rooms, fortran):
     """Factor into values. Returns -1, or the first node of a front that is not positive definite."""
     failed = np.zeros(len(fronts.depth), np.int64)
-    for k in range(len(fronts.level_first) - 1):
-        begin = fronts.level_first[k]
-        for j in prange(fronts.level_first[k + 1] - begin):
-            front = fronts.level[begin + j]
-            failed[front] = _eliminate(front, fronts, blocks, values, rooms, fortran)
-        for j in range(begin, fronts.level_first[k + 1]):
-            if failed[fronts.level[j]] != 0:
-                return fronts.first[fronts.level[j]]
+    for stage in range(len(fronts.stage_first) - 1):
+        first = fronts.stage_first[stage]
+        last = fronts.stage_first[stage + 1]
+        given = (fronts, blocks, values, rooms, fortran, failed, first)
+        over_parts(last - first, task(_eliminate_task, given))
+        for k in range(fronts.task_first[first], fronts.task_first[last]):
+            if failed[fronts.order[k]] != 0:
+                return fronts.first[fronts.order[k]]
     return -1
 
 
 @compiled
-def _substitute(front, fronts, values, x, work, back, fortran):
-    """One step of the substitution: x (columns, size nodes) in place."""
+def _substitute(front, fronts, values, x, aside, back, fortran):
+    """One step of the substitution: x (columns, size nodes) in place.
+
+    aside (trees, columns, size nodes above the cut): what trees below the cut add to x above it, where other trees do as well.
+    """
     trsm = fortran[1]
     gemm = fortran[3]
     trsv = fortran[4]
@@ -134,10 +157,18 @@ def _substitute(front, fronts, values, x, work, back, fortran):
     n = size * (end - begin)
     own = size * (fronts.first[front + 1] - fronts.first[front])
     columns = x.shape[0]
+    tree = fronts.tree[front]
+    work = np.empty(columns * n)
     for column in range(columns):
         for q in range(begin, end):
+            node = fronts.rows[q]
+            shared = tree >= 0 and not back and fronts.above[node] >= 0
             for i in range(size):
-                work[column * n + size * (q - begin) + i] = x[column, size * fronts.rows[q] + i]
+                if shared:
+                    value = aside[tree, column, size * fronts.above[node] + i]
+                else:
+                    value = x[column, size * node + i]
+                work[column * n + size * (q - begin) + i] = value
     sizes = np.array([n, own, n - own, columns, 1], np.int32)
     letters = np.array([76, 84, 78], np.uint8)  # L T N
     signs = np.array([1.0, -1.0])
@@ -183,22 +214,47 @@ def _substitute(front, fronts, values, x, work, back, fortran):
     last = begin + own // size if back else end  # on the way back the boundary is known
     for column in range(columns):
         for q in range(begin, last):
+            node = fronts.rows[q]
+            shared = tree >= 0 and not back and fronts.above[node] >= 0
             for i in range(size):
-                x[column, size * fronts.rows[q] + i] = work[column * n + size * (q - begin) + i]
+                value = work[column * n + size * (q - begin) + i]
+                if shared:
+                    aside[tree, column, size * fronts.above[node] + i] = value
+                else:
+                    x[column, size * node + i] = value
 
 
 @compiled
-def _solve(fronts, values, x, fortran):
-    """x (columns, size nodes), right-hand sides, in place -> solutions."""
-    most = 0
-    for front in range(len(fronts.depth)):
-        most = max(most, fronts.row_first[front + 1] - fronts.row_first[front])
-    work = np.empty(x.shape[1] // fronts.first[-1] * most * x.shape[0])
-    count = len(fronts.depth)
-    for front in range(count):
-        _substitute(front, fronts, values, x, work, False, fortran)
-    for step in range(count):
-        _substitute(count - 1 - step, fronts, values, x, work, True, fortran)
+def _substitute_task(part, arguments):
+    """Substitute in the fronts of a task of the first stage."""
+    fronts, values, x, aside, back, fortran = arguments
+    first = fronts.task_first[part]
+    count = fronts.task_first[part + 1] - first
+    for k in range(count):
+        front = fronts.order[first + (count - 1 - k if back else k)]
+        _substitute(front, fronts, values, x, aside, back, fortran)
+
+
+@compiled
+def _solve(fronts, values, x, aside, fortran):
+    """x (columns, size nodes), right-hand sides, in place -> solutions; aside: zeros (_substitute)."""
+    tasks = fronts.stage_first[1]
+    size = x.shape[1] // fronts.first[-1]
+    over_parts(tasks, task(_substitute_task, (fronts, values, x, aside, False, fortran)))
+    for node in range(fronts.first[-1]):
+        place = fronts.above[node]
+        if place >= 0:
+            for tree in range(len(aside)):
+                for column in range(len(x)):
+                    for i in range(size):
+                        x[column, size * node + i] += aside[tree, column, size * place + i]
+    begin = fronts.task_first[tasks]
+    count = len(fronts.order) - begin
+    for k in range(count):
+        _substitute(fronts.order[begin + k], fronts, values, x, aside, False, fortran)
+    for k in range(count):
+        _substitute(fronts.order[begin + count - 1 - k], fronts, values, x, aside, True, fortran)
+    over_parts(tasks, task(_substitute_task, (fronts, values, x, aside, True, fortran)))
 
 
 def factor(fronts: Fronts, blocks: Array, values: Array, rooms: Array) -> int:
@@ -212,6 +268,10 @@ def factor(fronts: Fronts, blocks: Array, values: Array, rooms: Array) -> int:
 def solve_columns(fronts: Fronts, values: Array, right: Array) -> Array:
     """Solutions (k, size nodes) for right-hand sides (k, size nodes) in the order of elimination."""
     x = np.array(right, float, order="C")
+    size = x.shape[1] // int(fronts.first[-1])
+    aside = np.zeros(
+        (int(fronts.tree.max()) + 1, len(x), size * (int(fronts.above.max(initial=-1)) + 1))
+    )
     if len(x):
-        _solve(fronts, values, x, addresses())
+        _solve(fronts, values, x, aside, addresses())
     return x

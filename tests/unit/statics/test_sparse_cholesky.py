@@ -78,17 +78,37 @@ def test_a_matrix_with_a_negative_eigenvalue_has_no_factors(name: str) -> None:
         assert (factored(order, shifted)[0] == -1) == definite
 
 
-def test_results_do_not_depend_on_threads() -> None:
-    order, blocks, _ = drawn(STAR, 4)
+@pytest.mark.parametrize("name", ["chain", "star"])
+def test_results_do_not_depend_on_threads(name: str) -> None:
+    """Neither on those that there are as the order is planned, nor on those that factor and solve."""
     before = numba.get_num_threads()
     found = []
     try:
         for threads in (1, before):
             numba.set_num_threads(threads)
-            found.append(factored(order, blocks)[1])
+            order, blocks, dense = drawn(PATTERNS[name], 4)
+            values = factored(order, blocks)[1]
+            right = np.random.default_rng(5).standard_normal((2, len(dense)))
+            solved = sparse_cholesky.solve_columns(order.fronts, values, right)
+            found.append(np.concatenate([values, solved.ravel()]))
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(*found)
+
+
+def test_trees_below_the_cut_share_nothing() -> None:
+    """A chain is cut in its middle: each half is a tree, and neither couples to the other."""
+    long = np.array([[k, k + 1, k + 2] for k in range(200)])
+    fronts = elimination([long], 202).fronts
+    assert fronts.tree.max() == 1, "two halves"
+    halves = []
+    for one in (0, 1):
+        mine = np.flatnonzero(fronts.tree == one)
+        rows = [fronts.rows[fronts.row_first[s] : fronts.row_first[s + 1]] for s in mine]
+        halves.append({int(node) for node in np.concatenate(rows) if fronts.above[node] < 0})
+    assert halves[0].isdisjoint(halves[1])
+    assert min(len(half) for half in halves) > 80
+    assert sorted(fronts.order) == list(range(len(fronts.tree)))
 
 
 def test_a_chain_costs_a_chain() -> None:
