@@ -187,7 +187,7 @@ def static_model(model: Model) -> StaticModel:
 
     F = axes + sum of coefficients times slopes along the axes: it differs from that in x, y, z by a rotation of the undeformed body, which
     neither det F nor F^T F's invariants nor F Br feel.
-    Raises SceneError where a piece of a body of parts hangs on nothing that is held.
+    Raises SceneError where nothing holds the body, or a piece of a body of parts hangs on nothing that is held.
     """
     weights, slopes = model.splines()
     bonds = None
@@ -200,6 +200,14 @@ def static_model(model: Model) -> StaticModel:
             across_gaps = (pieces.held_across_gaps(bonds),)
             weights[model.held] = 0.0
             slopes[model.held] = 0.0
+    elif model.free:
+        shape = model.scene.body.shape
+        raise SceneError(
+            dotted(("body", model.scene.body.kind, shape.clamp_key)),
+            found="nothing holds the body",
+            rule="equilibrium needs a body that is held somewhere",
+            remedy="clamp it, or simulate its motion: `solver: {dynamic: {duration: 0.5 s}}`",
+        )
     axes = model.grid.axes_at(model.particles.position)
     layout = make_layout(model, weights, bonds, across_gaps)
     about = {name: vars(model)[name] for name in Model.__dataclass_fields__}
@@ -497,10 +505,12 @@ def _loose(model: Model, mine: Mask) -> SceneError:
             f" is {lengths(center)}"
         ),
         rule=(
-            "equilibrium needs every part, and every separate solid of a part, to hang on something"
+            "equilibrium needs every part, and every separate solid of a part, to hang on "
+            "something: contact and friction alone leave it free to move"
         ),
         remedy=(
             "move it until it touches the others, or clamp it in a mesh of its own, or simulate "
-            "the motion: `solver: {dynamic: {duration: 0.5 s}}`"
+            "the motion, with `damping` to let it come to rest: `solver: {dynamic: {duration: "
+            "0.5 s}}`"
         ),
     )

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 from reference import own_contact as plain
-from reference.moving import resting_scene
+from reference.moving import block, resting_scene
 from reference.parts import parts_scene
 from reference.solids import box
 
@@ -254,8 +254,15 @@ def test_the_same_bits_for_any_number_of_threads(
 def test_what_has_no_answer_is_refused(tmp_path: Path) -> None:
     """Parts that hang on nothing; magnetic interaction. Friction is left out with a warning, and the gap is no joint."""
     loose = cubes(tmp_path)
-    with pytest.raises(InputError, match="touches no part that is held"):
+    with pytest.raises(
+        InputError, match=r"(?s)touches no part that is held.*contact and friction alone"
+    ):
         run(loose)
+    resting = resting_scene(
+        block((SIZE, SIZE, SIZE)), {"gravity": {}, "ground": {"point": [0, 0, 0]}}
+    )
+    with pytest.raises(InputError, match=r"body\.strip\.clamp: nothing holds the body"):
+        static_model(build(resting))  # before any kernel is compiled
     with pytest.raises(
         InputError, match="equilibria with self_contact can't be combined with magnetic_interaction"
     ):
