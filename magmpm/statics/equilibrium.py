@@ -19,7 +19,7 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import addresses
 from magmpm.effects import acting
-from magmpm.errors import InputError, LeftField, SolveError, TimeOver
+from magmpm.errors import LeftField, SolveError, TimeOver
 from magmpm.materials import poisson_ratio
 from magmpm.model import Model
 from magmpm.rod.cosserat import RodShape, solve_rod
@@ -132,15 +132,9 @@ def solve_static(
     """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from; rod: a shape to find it near;
     judged: find its stability as well; following: what solves of neighbors left, which makes this one quick, and which it changes.
 
-    Raises SolveError, with the last good Equilibrium as its state, or where none is found near `rod`; InputError if
-    nothing holds the body; ValueError for a rod's shape of another length, or a body that is not straight and held at its base alone.
+    Raises SolveError, with the last good Equilibrium as its state, or where none is found near `rod`; ValueError for a rod's shape of
+    another length, or a body that is not straight and held at its base alone.
     """
-    if model.free:
-        raise InputError(
-            f"body.{model.scene.body.kind}.clamp: received none; equilibrium needs a body that is "
-            "held somewhere; name a clamp, or simulate its motion: `solver: {dynamic: "
-            "{duration: 0.5 s}}`"
-        )
     model.scene.check_energy()
     body = model.scene.body.shape
     if rod is not None and (

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.kernels.watch import GOING, WHY
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
@@ -45,8 +46,8 @@ def advance(motion: TotalMotion, steps: int, dt: float) -> None:
     while taken < steps:
         gone, broken = motion.advance(steps - taken, dt, motion.model.effects)
         taken += gone
-        if broken:
-            raise AssertionError(f"the motion broke after {taken} steps")
+        if broken or motion.watch[WHY] != GOING:
+            raise AssertionError(f"the motion broke, or asks for another step, after {taken} steps")
 
 
 class Quantities(NamedTuple):
