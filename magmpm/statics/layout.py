@@ -201,10 +201,9 @@ def static_model(model: Model) -> StaticModel:
             weights[model.held] = 0.0
             slopes[model.held] = 0.0
     elif model.free:
-        shape = model.scene.body.shape
         raise SceneError(
-            dotted(("body", model.scene.body.kind, shape.clamp_key)),
-            found="nothing holds the body",
+            "body",
+            found="no clamp holds it",
             rule="equilibrium needs a body that is held somewhere",
             remedy="clamp it, or simulate its motion: `solver: {dynamic: {duration: 0.5 s}}`",
         )

@@ -261,7 +261,7 @@ def test_what_has_no_answer_is_refused(tmp_path: Path) -> None:
     resting = resting_scene(
         block((SIZE, SIZE, SIZE)), {"gravity": {}, "ground": {"point": [0, 0, 0]}}
     )
-    with pytest.raises(InputError, match=r"body\.strip\.clamp: nothing holds the body"):
+    with pytest.raises(InputError, match="body: no clamp holds it"):
         static_model(build(resting))  # before any kernel is compiled
     with pytest.raises(
         InputError, match="equilibria with self_contact can't be combined with magnetic_interaction"
