@@ -36,6 +36,7 @@ from magmpm.statics.grids import (
     Solved,
     left_by_solve,
     operations,
+    with_other_blocks,
 )
 from magmpm.statics.newton import OnStep
 from magmpm.statics.resolution import (
@@ -116,9 +117,28 @@ class Runs(Grids):
 
         self.answer(cells=cells, on_progress=tell)
 
-    def frames_on(self, cells: int) -> Frames:
-        """Frames of the answer on so many cells across."""
-        return self.answer(cells=cells).frames
+    def frames_on(self, cells: int, scenes: tuple[Scene, ...] | None = None) -> Frames:
+        """Frames of the answer on so many cells across; scenes: in place of those that are compared."""
+        (scene,) = self.scenes if scenes is None else scenes
+        return self.answer(scene, cells).frames
+
+    def left_by_blocks(self, cells: int) -> float:
+        """Run the same grid with another number of blocks."""
+        made = [with_other_blocks(self.made(scene, cells)) for scene in self.scenes]
+        share = max(share for _, share in made)
+        if share == 0.0:
+            return 0.0
+        others = tuple(other for other, _ in made)
+        spans = [
+            span
+            for scene, other in zip(self.scenes, others, strict=True)
+            for span in near_jumps(
+                self.answer(scene, cells).frames, self.answer(other, cells).frames
+            )
+        ]
+        here = self.frames_on(cells)
+        there = self.frames_on(cells, others)
+        return share * max(here.distances(there, self.of, spans).values(), default=math.inf)
 
     def times(self, cells: int) -> float:
         """Cost of a run on a grid together with its error, over that of the run alone."""
@@ -225,8 +245,9 @@ class Pair(Runs):
                 raise type(error)(f"{where}: {error.reason}", error.state) from None
         super().solve(cells)
 
-    def frames_on(self, cells: int) -> Frames:
-        one, other = (self.answer(scene, cells).frames for scene in self.scenes)
+    def frames_on(self, cells: int, scenes: tuple[Scene, ...] | None = None) -> Frames:
+        compared = self.scenes if scenes is None else scenes
+        one, other = (self.answer(scene, cells).frames for scene in compared)
         return one.minus(other)
 
     def apart(self, cells: int, finer: int) -> dict[float, float]:

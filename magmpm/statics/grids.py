@@ -21,7 +21,7 @@ from magmpm.statics import axis
 from magmpm.statics.axis import carried
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, solve_from, solve_static
-from magmpm.statics.error_estimate import ALGEBRAIC, farthest
+from magmpm.statics.error_estimate import ALGEBRAIC, ORDER, farthest
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import PAIRS, OnStep, corrected
 from magmpm.statics.tangent_matrix import Bands
@@ -99,6 +99,10 @@ class Grids(ABC):
     def size(self, cells: int) -> float:
         """Bytes that a grid takes, about."""
 
+    @abstractmethod
+    def left_by_blocks(self, cells: int) -> float:
+        """Error (m) that the blocks of `magnetic_interaction` leave: finer cells may not reduce it."""
+
     @property
     def algebraic(self) -> float:
         """Error that the solves themselves leave, m."""
@@ -108,6 +112,28 @@ class Grids(ABC):
 def left_by_solve(scene: Scene, moved: float) -> float:
     """Error (m) that a solve leaves where the body went as far as `moved` (m): it ends at a fraction of the energy."""
     return ALGEBRAIC * float(np.sqrt(scene.solver.static.tolerance)) * moved
+
+
+def with_other_blocks(scene: Scene) -> tuple[Scene, float]:
+    """The scene with another number of blocks for `magnetic_interaction`, and the share of the difference that is its own error; or 0.
+
+    As for grids (error_estimate.left), errors fall at least as the size of a block to the power of 1.5; in catheters as its square.
+    """
+    effect = scene.effects.magnetic_interaction
+    if effect is None or not acting.feels_itself(scene):
+        return scene, 0.0
+    count = _blocks(scene)
+    for across in (2, 4, 1):
+        other = scene.with_effects(magnetic_interaction={"blocks_across": across})
+        ratio = count / _blocks(other)
+        if ratio != 1.0:
+            return other, 1.0 / abs(ratio ** (ORDER / 3.0) - 1.0)
+    return scene, 0.0
+
+
+def _blocks(scene: Scene) -> float:
+    """Number of dipoles of a scene with `magnetic_interaction`."""
+    return float(build(scene).remanence[:, 3].max()) + 1.0
 
 
 class Equilibria(Grids):
@@ -162,6 +188,15 @@ class Equilibria(Grids):
     def distance_between(self, coarse: int, fine: int) -> float:
         """The largest distance (m) between the axes, or the tips, of two grids."""
         return farthest(self._points[coarse], self._points[fine])
+
+    def left_by_blocks(self, cells: int) -> float:
+        """Solve the same grid with another number of blocks."""
+        other, share = with_other_blocks(self.on(cells))
+        if share == 0.0:
+            return 0.0
+        model = static_model(build(other))
+        found = solve_static(model, on_step=self.on_step, with_stability=False)
+        return share * farthest(self._points[cells], self._where(model, found.point.grid))
 
     def effort(self, cells: int, steps: float) -> float:
         """Counted operations and particles, of the steps and of building the model."""

@@ -86,6 +86,7 @@ class _GridSearch:
             )
             * known
             + grids.algebraic
+            + grids.left_by_blocks(cells)
         )
 
     def takes(self, cells: int) -> float:
@@ -369,6 +370,8 @@ def _out_of_reach(
             f", or try {_up(100 * least / length):.2g} %, which {most} cells give only if its"
             " errors fall as they should"
         )
+    if search.scene.effects.magnetic_interaction is not None:
+        remedy += "; blocks_across of magnetic_interaction has an error of its own: try more"
     return SceneError(
         "resolution.error",
         received=received,

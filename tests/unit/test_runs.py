@@ -258,3 +258,30 @@ def test_the_cost_of_knowing_an_error_is_said() -> None:
     assert "the whole motion is run on 2, 3 and 4 cells across: about 2" in cost_in_words(
         moving(error=0.01)
     )
+
+
+def interacting(blocks: int, **more: Any) -> Scene:
+    """A short rod, half of it magnetized along its axis and half across, whose halves act on each other by so many blocks across."""
+    scene = rod_scene(
+        length=8e-3, directions=[(1.0, 0.0, 0.0), (0.0, 1.0, 1.0)], field=[0.0, 2e-3, 3e-3], cells=2
+    )
+    named = scene.with_effects(magnetic_interaction={"blocks_across": blocks})
+    return Scene.from_si({**named.to_si(), **more})
+
+
+@pytest.mark.parametrize("path", [False, True])
+def test_the_promised_error_has_that_of_the_blocks_which_do_not_follow_the_cells(
+    path: bool,
+) -> None:
+    """One block across on every grid: a finer one says nothing of it. Against four, whose own error is a sixteenth."""
+    more: dict[str, Any] = {}
+    if path:
+        data = interacting(1).to_si()
+        more = {"field": {**data["field"], **RAMP}, "solver": {"quasi_static": {"steps": 2}}}
+    coarse = interacting(1, **more)
+    truth = run(interacting(4, **more).with_cells(4))
+    missed = distance(run(coarse), truth)
+    known = magmpm.error(coarse)
+    assert missed <= known.error < 5 * missed
+    compared = magmpm.compare(coarse, coarse.with_effects(magnetic_interaction=None))
+    assert compared.uncertainty >= 0.5 * missed, "the difference of the two has the same error"
