@@ -101,7 +101,7 @@ class Grids(ABC):
 
     @abstractmethod
     def left_by_blocks(self, cells: int) -> float:
-        """Error (m) that the blocks of `magnetic_interaction` leave: finer cells may not reduce it."""
+        """Error (m) that the blocks of `magnetic_interaction` leave, whatever the cells."""
 
     @property
     def algebraic(self) -> float:
