@@ -232,7 +232,7 @@ def contact_changes(
 def push_changes(
     model: StaticModel, grid: Array, variables: Sequence[Variable], obstacle: str
 ) -> Array:
-    """Change (3, k), N per unit, at fixed coefficients, of the sum of an obstacle's forces on the body: central differences."""
+    """Change (3, k), N per unit, at fixed coefficients, of the sum of an obstacle's forces, or of two components': central differences."""
     out = np.zeros((3, len(variables)))
     for k, one in enumerate(variables):
         if one.kind in ("magnetization", "field", "remanence"):
@@ -244,9 +244,17 @@ def push_changes(
             else:
                 step = _step(model) if one.kind != ADDRESS else _step_at(model, one)
                 near = _near(model, one, side * step)
-            pushed = touched_by(near, grid, obstacle).f.sum(axis=0)
-            out[:, k] += side * pushed / (2.0 * step)
+            out[:, k] += side * _push(near, grid, obstacle) / (2.0 * step)
     return out
+
+
+def _push(model: StaticModel, grid: Array, obstacle: str) -> Array:
+    """Force (3,) N of an obstacle on the body, or of the second of two components on the first, at coefficients (planes, m) m."""
+    if not obstacle.startswith("self_contact"):
+        return np.asarray(touched_by(model, grid, obstacle).f.sum(axis=0))
+    assert model.pairs is not None  # of a scene that names self_contact
+    found = model.pairs.touched(grid).report().get(obstacle)
+    return np.zeros(3) if found is None else found["force"]
 
 
 def touched_by(model: StaticModel, grid: Array, obstacle: str) -> Touched:

@@ -9,6 +9,7 @@ Source: implicit function theorem; Tortorelli and Michaleris, Inverse Problems i
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -179,19 +180,35 @@ class Linearized:
         return np.einsum("pn,pkni->ik", self._mean_weights(share), self._by_node(self.unknowns))
 
     def pushed(self, obstacle: str) -> Array:
-        """Derivatives (3, k), N per unit, of the sum of an obstacle's forces on the body, as long as the same points touch it.
+        """Derivatives (3, k), N per unit, of the sum of an obstacle's forces on the body, or of two components', while the same points
+        touch.
 
         Of the points' forces f(x) and slopes H = -df/dx: df/dp = -H dx/dp, and what f depends on p at fixed coefficients.
         """
         model = self.model
-        assert model.touching is not None  # it has the obstacle
         grid = self._point.grid
-        touched = touched_by(model, grid, obstacle)
         by_node = np.moveaxis(self._by_node(self.unknowns), 1, -1)
         k = by_node.shape[-1]
+        fixed = push_changes(model, grid, self.variables, obstacle)
+        if obstacle.startswith("self_contact"):
+            assert model.pairs is not None  # of a scene that names self_contact
+            own = model.pairs.touched(grid)
+            columns = np.moveaxis(by_node.reshape(-1, 3, k), -1, 0)
+            each = [own.change_between(obstacle, nodes) for nodes in columns]
+            return fixed + np.reshape(each, (k, 3)).T
+        assert model.touching is not None  # it has the obstacle
+        touched = touched_by(model, grid, obstacle)
         moved = model.touching.splines[touched.on] @ by_node.reshape(-1, 3 * k)
-        springs = -np.einsum("tij,tjk->ik", touched.H, moved.reshape(-1, 3, k))
-        return springs + push_changes(model, grid, self.variables, obstacle)
+        return fixed - np.einsum("tij,tjk->ik", touched.H, moved.reshape(-1, 3, k))
+
+    @property
+    def touchable(self) -> list[str]:
+        """Names that `pushed` takes: the scene's obstacles, and each two components that may touch."""
+        named = self.model.scene.effects.named()
+        pairs = self.model.pairs
+        names = [] if pairs is None else pairs.names
+        between = [f"self_contact: {a}, {b}" for a, b in combinations(names, 2)]
+        return [key for key in ("ground", "walls") if key in named] + between
 
     def _mean_weights(self, share: Array) -> Array:
         """Weights (planes, nodes) that give the mean position of particles from the coefficients."""
@@ -310,15 +327,15 @@ class Sensitivities:
         return np.stack([self._near.mean(share * arm) for arm in arms.T], axis=1)
 
     def contact_force(self, obstacle: str) -> Array:
-        """Find the derivatives of the sum of an obstacle's forces on the body.
+        """Find the derivatives of the sum of an obstacle's forces on the body, or of two parts of it on each other.
 
-        They are exact while the same points of the surface touch the obstacle; where one begins to,
-        the derivative jumps.
+        They are exact while the same points of the surface touch; where one begins to, the derivative
+        jumps.
 
         Parameters
         ----------
         obstacle : str
-            "ground" or "walls".
+            "ground", "walls", or a pair as `contacts` names it, "self_contact: a, b": the force on a.
 
         Returns
         -------
@@ -328,16 +345,11 @@ class Sensitivities:
         Raises
         ------
         ValueError
-            For a name that is none of the scene's obstacles, and for forces between parts.
+            For a name that is none of the scene's obstacles or pairs.
         """
-        known = list(self.result.contacts)
+        known = self._near.touchable
         if obstacle not in known:
             raise ValueError(f"obstacle {obstacle!r} is not one of the scene's: {known}")
-        if obstacle.startswith("self_contact"):
-            raise ValueError(
-                f"obstacle {obstacle!r}: forces between parts have no derivatives here; take"
-                " differences of runs, or the force of ground or walls"
-            )
         return self._near.pushed(obstacle)
 
     def _volumes(self, region: int | Literal["tip"] | None) -> Array:

@@ -206,11 +206,8 @@ class OwnContacts:
 
     def product(self, nodes: Array) -> Array:
         """The second derivative of the energy times displacements (count, 3) m of the nodes, N."""
-        own = np.where((self.node >= 0)[:, :, None], nodes[self.node], 0.0)
         r = relative(self.node, self.share, nodes)
-        along = np.einsum("ti,tai->ta", self.normal, own)
-        q = np.einsum("ta,tai->ti", along, self.lean)
-        by_r = np.einsum("tij,tj->ti", self.across, r) + self.push[:, None] * q
+        by_r = self._resisted(nodes, r)
         by_along = self.push[:, None] * np.einsum("tai,ti->ta", self.lean, r)
         out = np.einsum("ta,ti->tai", self.share, by_r)
         out += np.einsum("ta,ti->tai", by_along, self.normal)
@@ -220,6 +217,22 @@ class OwnContacts:
             pull = np.einsum("tij,tj->ti", self.rubs.H, held.stretch(nodes))
             product += _to_nodes(held.node, np.einsum("ta,ti->tai", held.share, pull), len(nodes))
         return product
+
+    def _resisted(self, nodes: Array, r: Array) -> Array:
+        """Loss (t, 3) N of the force on each point, for displacements (count, 3) m of the nodes, and dr (t, 3) m by them."""
+        own = np.where((self.node >= 0)[:, :, None], nodes[self.node], 0.0)
+        along = np.einsum("ti,tai->ta", self.normal, own)
+        q = np.einsum("ta,tai->ti", along, self.lean)
+        return np.asarray(np.einsum("tij,tj->ti", self.across, r) + self.push[:, None] * q)
+
+    def change_between(self, name: str, nodes: Array) -> Array:
+        """Change (3,) N of the force that `report` has by this name, without friction, for displacements (count, 3) m of the nodes."""
+        _, here, _ = self._touching().get(name, (None, None, None))
+        if here is None:
+            return np.zeros(3)
+        lost = self._resisted(nodes, relative(self.node, self.share, nodes))[here]
+        on_the_first = self.pairs.solid[self.point[here]] <= self.solid[here]
+        return np.asarray(np.where(on_the_first, -1.0, 1.0) @ lost)
 
     def elements(self) -> tuple[Index, Index]:
         """The different rows (groups, 54) of `node`, of these pairs and those that friction holds, and which each (t,) has."""
@@ -250,16 +263,19 @@ class OwnContacts:
 
     def report(self) -> dict[str, Contact]:
         """Contact of the body with itself, and of each two components that touch."""
+        return {name: one for name, (one, _, _) in self._touching().items()}
+
+    def _touching(self) -> dict[str, tuple[Contact, Index | None, Array]]:
+        """Contacts of these, as SurfacePairs.contacts has them."""
         force = self.push[:, None] * self.normal
         if self.rubs is not None:
             _, here, there = np.intersect1d(self.key, self.rubs.pairs.key, return_indices=True)
             force[here] += self.rubs.f[there]
         size = np.linalg.norm(self.normal, axis=1)[:, None]
         energy = 0.5 * self.stiffness * self.depth**2
-        found = self.pairs.contacts(
+        return self.pairs.contacts(
             self.point, self.solid, (self.x, force, self.normal / size), self.depth, energy
         )
-        return {name: one for name, (one, _, _) in found.items()}
 
 
 def _to_nodes(node: Index, values: Array, count: int) -> Array:

@@ -268,18 +268,11 @@ class ContactForce(Smooth):
     )
 
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
-        assert answer.result is not None
-        if self.of.startswith("self_contact"):
-            raise InputError(
-                f"{at}.with",
-                received=repr(self.of),
-                rule="forces between parts of the body have no derivatives",
-                remedy="write `sampler: tpe`, or name ground or walls",
-            )
-        forces = answer.pushes(self.of)
+        name = self.named(answer, at)
+        forces = answer.pushes(name)
         sizes = np.linalg.norm(forces, axis=1)
         slopes = [
-            share * forces[k] / max(float(sizes[k]), 1e-300) @ of.force(self.of, int(k))
+            share * forces[k] / max(float(sizes[k]), 1e-300) @ of.force(name, int(k))
             for k, share in zip(*self._counted(answer, sizes), strict=True)
         ]
         return np.sum(slopes, axis=0)

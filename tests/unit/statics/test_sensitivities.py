@@ -8,7 +8,7 @@ import pytest
 import yaml
 from reference.differences import STEPS, differences, solution, tight
 from reference.moving import resting_scene
-from reference.solids import box
+from reference.solids import ball, box
 from scipy.linalg import eigh
 
 import magmpm
@@ -463,6 +463,54 @@ def test_the_force_of_a_wall_is_differentiated(tmp_path: Path) -> None:
         np.testing.assert_allclose(slopes[:, k], slope, rtol=0, atol=1e-6 * np.abs(slope).max())
     with pytest.raises(ValueError, match="is not one of the scene's"):
         found.contact_force("ground")
+
+
+def test_the_force_of_one_part_on_another_is_differentiated(tmp_path: Path) -> None:
+    """A finger that a field presses on a held ball: against differences of equilibria that Newton's method has refined, with the same
+    points in touch. The tolerance has the rounding of a difference, and its curvature, (h / field)^2, 1e-8.
+    """
+    solids = {
+        "palm": (box((-2e-3, -1e-3, 0.0), (0.0, 1e-3, 2e-3)), {"clamp": True}),
+        "finger": (box((0.0, -1e-3, 0.0), (8e-3, 1e-3, 2e-3)), {"magnetization": [1.0, 0.0, 0.0]}),
+        "stone": (ball((7e-3, 0.3e-3, -2.05e-3), 2e-3), {"clamp": True}),
+    }
+    listed = []
+    for name, (mesh, more) in solids.items():
+        write_stl(mesh, tmp_path / f"{name}.stl")
+        about = {"mesh": str(tmp_path / f"{name}.stl"), "name": name, "material": "m"}
+        listed.append({**about, **more})
+    body = {"parts": {"unit": "m", "spacing": 1e-3, "meshes": listed}}
+    effects = {"magnetic_torque": {}, "gravity": {}, "self_contact": {}}
+    scene = tight(resting_scene(body, effects, field={"uniform": [0.0, 1e-3, -8e-3]}))
+    steps = {
+        "field.uniform[1]": 1e-6,
+        "field.uniform[2]": 1e-6,
+        "body.parts.meshes[1].magnetization[1]": 1e-4,
+        "materials.m.shear_modulus": 20.0,
+        "effects.self_contact.stiffness": 1e-3,
+    }
+    pair = "self_contact: palm, stone"
+    found = magmpm.sensitivities(scene, list(steps))
+    slopes = found.contact_force(pair)
+    count = found.result.contacts[pair]["count"]
+    assert count > 1
+
+    def force(near: Scene) -> np.ndarray:
+        _, solved = solve.at_rest(near, None, None)
+        energy = solved.energy
+        assert isinstance(energy, Energy)
+        pairs = energy.model.pairs
+        assert pairs is not None
+        one = pairs.touched(refined(energy, energy.at(solved.point.grid)).grid).report()[pair]
+        assert one["count"] == count
+        return np.asarray(one["force"])
+
+    for k, variable in enumerate(found.variables):
+        h = steps[variable.name]
+        slope = (force(variable.changed(scene, h)) - force(variable.changed(scene, -h))) / (2 * h)
+        np.testing.assert_allclose(slopes[:, k], slope, rtol=0, atol=1e-6 * np.abs(slope).max())
+    with pytest.raises(ValueError, match="is not one of the scene's"):
+        found.contact_force("self_contact: palm, finger")
 
 
 @pytest.mark.parametrize(
