@@ -88,10 +88,12 @@ class Progress:
         self._write("")
 
     def _lines(self) -> None:
-        """Lines for a file or a pipe: what was last reported, again and again, whether the work reports or not."""
-        while not self._over.wait(EVERY):
+        """Lines for a file or a pipe: what was last reported, again and again, ever more rarely, whether the work reports or not."""
+        passed = 0.0
+        while not self._over.wait(max(EVERY, passed / 10)):
+            passed = time.monotonic() - self._begun
             print(
-                f"magmpm: {self._last}; {_duration(time.monotonic() - self._begun)}",
+                f"magmpm: {self._last}; {_duration(passed)}",
                 file=sys.stderr,
                 flush=True,
             )
@@ -134,4 +136,7 @@ def _amount(number: float) -> str:
 
 
 def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    minutes, rest = divmod(round(seconds), 60)
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min {rest} s" if minutes < 10 else f"{minutes} min"

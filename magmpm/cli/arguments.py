@@ -367,7 +367,6 @@ COMMANDS = {
             _flag("--quick", "omit the cases that take long"),
             _value("--random", "N", argparse.SUPPRESS, type=int),  # moved: the message says where
             _value("--seed", "S", argparse.SUPPRESS, type=int),
-            _value("--out", "DIR", argparse.SUPPRESS, type=Path),
             _JSON,
         ),
         "magmpm stability --quick\nmagmpm stability --case snap",

@@ -132,7 +132,7 @@ def stability(options: argparse.Namespace) -> int:
     """Run the chosen hard cases, and print their table. Returns the exit status: 3 if one fails."""
     from magmpm.studies.hard_cases import CASES, run_cases, table
 
-    moved = [name for name in ("random", "seed", "out") if getattr(options, name) is not None]
+    moved = [name for name in ("random", "seed") if getattr(options, name) is not None]
     if moved:
         raise InputError(
             f"--{moved[0]}",

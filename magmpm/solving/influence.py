@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from magmpm.effects import acting
+from magmpm.dynamics.time_loop import begin
 from magmpm.effects.base import Effect
 from magmpm.effects.self_contact import gap
 from magmpm.errors import InputError, MagmpmError, SceneError, SolveError, significant
@@ -18,7 +18,8 @@ from magmpm.model import build
 from magmpm.results.measures import Frames
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.solving.several_grids import Runs, expected_step
+from magmpm.solving.precompile import prepare_kernels
+from magmpm.solving.several_grids import Runs
 
 _WHERE = {
     "walls": "tube or surface",
@@ -155,12 +156,9 @@ class Variants(Runs):
 def motion_seconds(scene: Scene) -> float:
     """About what a motion takes on the scene's grid, s."""
     rate = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
-    low, high = scene.box()
-    particles = (
-        float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
-    )
-    steps = acting.stable_steps(build(scene)).values()  # viscosity asks for shorter ones
-    return particles * scene.duration / min([expected_step(scene), *steps]) / rate
+    prepare_kernels(scene)
+    motion = begin(build(scene))
+    return len(motion.motion.model.density) * scene.duration / motion.dt / rate
 
 
 def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:

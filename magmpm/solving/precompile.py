@@ -315,9 +315,10 @@ def solve_small(small: Scene) -> None:
 
 
 def differentiate_small(small: Scene) -> None:
-    """Begin to solve a coarse scene, and differentiate it."""
+    """Begin to solve a coarse scene, and differentiate it by one variable of each kind."""
     with suppress(SolveError), _briefly():
-        found = Linearized(solve_static(static_model(build(small))), variables(small))
+        each = {variable.kind: variable for variable in variables(small)}
+        found = Linearized(solve_static(static_model(build(small))), list(each.values()))
         found.adjoint(found.centreline[:, :, 0])
 
 

@@ -9,7 +9,6 @@ Source: implicit function theorem; Tortorelli and Michaleris, Inverse Problems i
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -31,6 +30,7 @@ from magmpm.statics.definite import NEUTRAL
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 from magmpm.statics.newton import refined
+from magmpm.statics.surface_pairs import pair_names
 
 
 class Linearized:
@@ -206,8 +206,7 @@ class Linearized:
         """Names that `pushed` takes: the scene's obstacles, and each two components that may touch."""
         named = self.model.scene.effects.named()
         pairs = self.model.pairs
-        names = [] if pairs is None else pairs.names
-        between = [f"self_contact: {a}, {b}" for a, b in combinations(names, 2)]
+        between = [] if pairs is None else pair_names(pairs.names)
         return [key for key in ("ground", "walls") if key in named] + between
 
     def _mean_weights(self, share: Array) -> Array:

@@ -5,6 +5,8 @@ In motion (dynamics.body_contact) and at rest (statics.own_contact) the pairs, t
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,11 +64,7 @@ class SurfacePairs:
             weights[model.held[particle]] = 0.0
         self.nodes = model.nodes_in_motion
         self.splines = spline_matrix(model.first_in_motion(particle), weights, self.nodes)
-        segment = model.particles.segment
-        self.names = [
-            model.scene.regions()[segment[model.component == one].min()].name
-            for one in range(int(model.component.max()) + 1)
-        ]
+        self.names = component_names(model)
         self._patches = _patches(self.at, cells)
 
     def near(self, x: Array) -> tuple[Index, Index, Array]:
@@ -150,6 +148,19 @@ class SurfacePairs:
         center, radius = self._balls(x)
         mean, spread = self._balls(way)
         return float(_clear(self._patches[2], center, radius, mean, spread, MOVE * self.cell))
+
+
+def component_names(model: Model) -> list[str]:
+    """Name of each component: that of its first part or segment."""
+    segment = model.particles.segment
+    regions = model.scene.regions()
+    count = int(model.component.max()) + 1
+    return [regions[segment[model.component == one].min()].name for one in range(count)]
+
+
+def pair_names(components: Iterable[str]) -> list[str]:
+    """Name of each pair of components, as contacts.csv has it."""
+    return [f"self_contact: {a}, {b}" for a, b in combinations(components, 2)]
 
 
 def _solid_cells(model: Model, still: bool) -> tuple[SolidCells, Index, Index]:

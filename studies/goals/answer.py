@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from magmpm.results.measures import of_particles
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Frame, Motion
 from magmpm.scene import Scene
+from magmpm.statics.surface_pairs import component_names, pair_names
 
 
 def pushed(scene: Scene) -> bool:
@@ -184,9 +184,4 @@ class Answer:
     @cached_property
     def pairs(self) -> list[str]:
         """Names of the contacts between two components that self_contact may have, as contacts.csv has them."""
-        segment = self.model.particles.segment
-        component = self.model.component
-        regions = self.scene.regions()
-        first = [segment[component == one].min() for one in range(int(component.max()) + 1)]
-        names = [regions[k].name for k in first]
-        return [f"self_contact: {a}, {b}" for a, b in combinations(names, 2)]
+        return pair_names(component_names(self.model))

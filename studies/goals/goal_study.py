@@ -121,7 +121,7 @@ class GoalStudy:
         found = []
         for goal, at, target in zip(self.file.goals, self.measures, self.targets, strict=False):
             if self.file.together and target is not None:
-                label = goal.measure.label
+                label = goal.measure.full_label
                 said = f"target {in_words(label, target)}"
                 found.append({"at": at, "label": label, "bounds": said})
         for one, (at, bounds) in zip(self.file.subject_to, self.bounded.items(), strict=True):
@@ -130,7 +130,7 @@ class GoalStudy:
                 for sign, bound in zip(("at least", "at most"), bounds, strict=True)
                 if bound is not None
             ]
-            found.append({"at": at, "label": one.label, "bounds": ", ".join(both)})
+            found.append({"at": at, "label": one.full_label, "bounds": ", ".join(both)})
         return found
 
     @property

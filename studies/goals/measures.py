@@ -263,7 +263,7 @@ class ContactForce(Smooth):
     )
     over: Literal["largest", "mean", "last"] = Field(
         default="largest",
-        description="Over time: largest (unless given), mean, or last.",
+        description="Over time: largest (unless given), mean, or last; of a motion, of its frames.",
         examples=["mean"],
     )
 
@@ -455,6 +455,15 @@ class Measure(Settings):
     def label(self) -> str:
         """Its name with its SI unit: `travel (m)`."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
+
+    @property
+    def full_label(self) -> str:
+        """Its label with what it is of: `position of tip along [0, 0, 1] (m)`."""
+        said = {} if self.python is not None else getattr(self, self.name).model_dump(by_alias=True)
+        words = [f"{key} {said[key]}" for key in ("of", "with") if said.get(key)]
+        if "along" in said:
+            words.append(f"along [{', '.join(f'{part:.3g}' for part in said['along'])}]")
+        return " ".join([self.name, *words, *([f"({self.unit})"] if self.unit else [])])
 
     @property
     def unit(self) -> str:

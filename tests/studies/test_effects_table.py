@@ -19,7 +19,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.runs import distance
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from magmpm.solving.influence import EffectRow, Variants, advise
+from magmpm.solving.influence import EffectRow, Variants, advise, motion_seconds
 from magmpm.studies.explore.effects_costs import costs
 from magmpm.studies.explore.effects_table import needs, survey
 
@@ -259,11 +259,19 @@ def test_a_motion_that_takes_too_long_is_judged_by_its_first_part() -> None:
     assert "more than 1 % of its length, within its first" in told.why
 
 
+def test_a_viscous_motion_is_estimated_by_the_steps_that_it_takes() -> None:
+    """15 million particles a second in steps of the body's bound, to the 10 % by which steps shorten as it bends."""
+    swinging = moving_scene(BODY, {"gravity": {}, "viscosity": {"viscosity": 20.0}}, duration=2e-3)
+    result = run(swinging)
+    expected = result.particles * result.iterations / 15e6
+    assert motion_seconds(swinging) == pytest.approx(expected, rel=0.1)
+
+
 @pytest.mark.slow
 def test_a_motion_that_takes_too_long_is_judged_by_its_rest() -> None:
     """A slow one moves by less than the error in its first part, and is at rest by more."""
     data = rod_scene(field=FIELD).to_si()
-    data["effects"]["viscosity"] = {"viscosity": 1500.0}
+    data["effects"]["viscosity"] = {"viscosity": 15000.0}
     slow = Scene.from_si({**data, "solver": {"dynamic": {"duration": 60.0}}})
     found = row(slow, "gravity")
     assert (found.shift_m, found.advice) == (None, "add")

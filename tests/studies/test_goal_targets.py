@@ -81,6 +81,10 @@ def test_several_targets_are_one_goal(tmp_path: Path) -> None:
     assert found.best["measures"]["goal[1].target"] == pytest.approx(aside, rel=1e-6)
     assert found.values[0] is not None
     assert found.values[0][0] > 1e-3
+    assert [limit["label"] for limit in found.limits] == [
+        "position of tip along [0, 0, 1] (m)",
+        "position of segment 2 along [0, 1, 0] (m)",
+    ]
     assert [limit["bounds"] for limit in found.limits] == [
         f"target {in_words('position (m)', height)}",
         f"target {in_words('position (m)', aside)}",

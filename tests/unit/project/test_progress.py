@@ -30,13 +30,18 @@ def test_the_time_left_counts_no_compiling_and_nothing_done_before(
     """A motion that compiled for 60 s, and one that was resumed after 900 of 1000 parts: 10 parts a second are left to be done."""
     now = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    for before, left in ((0, "about 90 s left"), (890, "about 1 s left")):
+    for before, total, left in (
+        (0, 1000, "about 90 s left"),
+        (890, 1000, "about 1 s left"),
+        (0, 1988, "about 3 min 9 s left"),
+        (0, 9999, "about 16 min left"),
+    ):
         with progress.Progress("swing") as shown:
             now[0] += 60.0
-            shown.at(before, 1000)
+            shown.at(before, total)
             assert "left" not in shown._last
             now[0] += 10.0
-            shown.at(before + 100, 1000)
+            shown.at(before + 100, total)
             assert left in shown._last
 
 
