@@ -33,6 +33,13 @@ def time_of(scene: Scene, inserted: float) -> float:
     return (inserted - (scene.length - feed.exit)) / feed.speed
 
 
+def inserted_at(scene: Scene, time: float) -> float:
+    """The length (m) of a fed catheter that is out of its guide at a time (s)."""
+    feed = scene.effects.feed
+    assert feed is not None  # as of time_of
+    return scene.length - feed.exit + feed.speed * time
+
+
 @dataclass(frozen=True)
 class Answer:
     """A scene, its result, and the frames of what ran along time. Of a motion that still runs, result is None; of a scene that has not run,

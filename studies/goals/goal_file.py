@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from magmpm.inputs.settings import Settings, fault, write_json_schema
 from magmpm.studies.goals.measures import Measure
@@ -75,6 +75,14 @@ class Goal(Settings):
         description="A measure to come near a value.",
         examples=["{displacement: {of: tip, along: [0, 0, 1]}, value: 3 mm}"],
     )
+
+    @field_validator("maximize", "minimize", "target", mode="before")
+    @classmethod
+    def _single(cls, measure: Any) -> Any:
+        if isinstance(measure, list):
+            remedy = "make a list of goals: `goal: [{target: ...}, {target: ...}]`"
+            raise fault("a goal has one measure", remedy)
+        return measure
 
     @model_validator(mode="after")
     def _one(self) -> Goal:

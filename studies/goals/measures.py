@@ -21,7 +21,7 @@ from magmpm.inputs.messages import Instead
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
 from magmpm.scene import Scene
-from magmpm.studies.goals.answer import Answer, pushed, time_of
+from magmpm.studies.goals.answer import Answer, inserted_at, pushed, time_of
 
 _Spot = Annotated[
     Annotated[str, Tag("name")] | Annotated[Point, Tag("point")],
@@ -494,6 +494,7 @@ class Measure(Settings):
         for key, value in said.items():
             if value is None:
                 continue
+            asked = value
             place = f"{at}.{self.name}.{ {'begin': 'from', 'end': 'to'}.get(key, key) }"
             if key == "inserted":
                 if not pushed(scene):
@@ -512,17 +513,23 @@ class Measure(Settings):
                 not along and value <= max(times, default=-1.0)
             ):
                 continue
+            if near is None:
+                raise InputError(
+                    place,
+                    received=quantity(value, "s"),
+                    rule="an equilibrium has no times",
+                    remedy="leave it out",
+                )
+            received = quantity(value, "s")
+            nearest = quantity(near, "s")
+            if key == "inserted":
+                received = f"{length(asked)}, out of the guide at {received}"
+                nearest += f", with {length(inserted_at(scene, near))}"
             raise InputError(
                 place,
-                received=quantity(value, "s"),
-                rule=(
-                    "an equilibrium has no times"
-                    if near is None
-                    else f"the scene has no answer then; the nearest is at {quantity(near, 's')}"
-                ),
-                remedy="leave it out"
-                if near is None
-                else "choose that, or add it to `solver.quasi_static.at`",
+                received=received,
+                rule=f"the scene has no answer then; the nearest is at {nearest}",
+                remedy="choose that, or add the time to `solver.quasi_static.at`",
             )
 
     def smooth(self, scene: Scene) -> bool:

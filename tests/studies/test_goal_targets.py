@@ -91,6 +91,15 @@ def test_several_targets_are_one_goal(tmp_path: Path) -> None:
     ]
 
 
+def test_a_list_within_a_target_is_told_to_be_a_list_of_goals(tmp_path: Path) -> None:
+    study = POINT.replace(
+        "  target: {distance: {between: [tip, POINT]}, value: 0 mm}",
+        "  target: [{position: {of: tip}, value: 1 mm}, {position: {of: body}, value: 2 mm}]",
+    )
+    with pytest.raises(InputError, match=r"goal: \[\{target: \.\.\.\}, \{target: \.\.\.\}\]"):
+        load_goal(written(tmp_path, study, BENT))
+
+
 def test_a_target_out_of_reach_is_sought_from_several_starts(tmp_path: Path) -> None:
     """The rod is not as long: descents end at the point that is nearest, along the way there, and the next begins elsewhere."""
     study = POINT.replace("POINT", "[15 mm, 0 mm, 25 mm]")
