@@ -16,7 +16,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.errors import InputError, MagmpmError, length, quantity
+from magmpm.errors import InputError, MagmpmError, in_mm, length, quantity
 from magmpm.inputs.messages import Instead
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
@@ -461,6 +461,8 @@ class Measure(Settings):
         """Its label with what it is of: `position of tip along [0, 0, 1] (m)`."""
         said = {} if self.python is not None else getattr(self, self.name).model_dump(by_alias=True)
         words = [f"{key} {said[key]}" for key in ("of", "with") if said.get(key)]
+        ends = [of if isinstance(of, str) else in_mm(of) for of in said.get("between", ())]
+        words += [f"between {' and '.join(ends)}"] if ends else []
         if "along" in said:
             words.append(f"along [{', '.join(f'{part:.3g}' for part in said['along'])}]")
         return " ".join([self.name, *words, *([f"({self.unit})"] if self.unit else [])])

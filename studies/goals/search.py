@@ -150,9 +150,11 @@ class _Seeking:
     on_trial: Callable[[str], None] | None
     shown: str  # the storage, without a password
     written: float = -math.inf  # when the report was, s
+    wanted: int = 0  # trials in all
 
     def run(self, count: int) -> GoalReport:
         """Trials until there are `count`, then the best on more cells."""
+        self.wanted = count
         ended = "done"
         running: dict[Future[dict[str, Any]], tuple[Trial, evaluate.Job]] = {}
         with ExitStack() as stack:
@@ -418,8 +420,9 @@ class _Seeking:
             self.on_trial(text)
 
     def _line(self, number: int, outcome: dict[str, Any]) -> str:
+        head = f"trial {number}, {self._finished()} of {self.wanted}: "
         if "values" not in outcome:
-            return f"trial {number}: " + (
+            return head + (
                 f"failed: {outcome[WHY]}"
                 if WHY in outcome
                 else "not run: beyond a bound anyway"
@@ -433,7 +436,7 @@ class _Seeking:
             )
         )
         best = self._best()
-        return f"trial {number}: {said}" + (
+        return f"{head}{said}" + (
             ", the best" if best is not None and best.number == number else ""
         )
 
