@@ -56,7 +56,7 @@ class GoalStudy:
         try:
             check_differentiable(self.scene, fed=True)
         except InputError:
-            return "the answer is not that of equilibria without a past"
+            return "motions, paths with friction and streams at rest have no derivatives"
         measures = {at: validate(Measure, data) for at, data in self.measures.items()}
         rough = [knob.name for knob in self.knobs if not self._has_derivative(knob)]
         rough += [at for at, measure in measures.items() if not measure.smooth(self.scene)]
