@@ -105,7 +105,9 @@ class Viscosity(Effect):
         default=None,
         description=(
             "tan(delta), the loss modulus over the storage modulus, within 7 % the same from 1 Hz to"
-            " 1 kHz; silicones have 0.02 to 0.2. In place of `viscosity` and `branches`."
+            " 1 kHz; silicones have 0.02 to 0.2. In place of `viscosity` and `branches`. A new load"
+            " creeps: the slowest branch takes 0.16 s, and until then swings are about a middle that"
+            " drifts."
         ),
         examples=[0.1],
     )
