@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any
 
 from magmpm.errors import InputError
@@ -54,8 +54,15 @@ def print_summary(options: argparse.Namespace, summary: dict[str, Any], text: st
 
 def end_as_by_ctrl_c() -> None:
     """SIGTERM, by which job schedulers end a command, keeps and tells what Ctrl-C does."""
+
+    def end(_: int, frame: FrameType | None) -> None:
+        by_ctrl_c = signal.getsignal(signal.SIGINT)
+        if not callable(by_ctrl_c):  # ignored, as in what a shell's script runs in the background
+            by_ctrl_c = signal.default_int_handler
+        by_ctrl_c(signal.SIGINT, frame)
+
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+        signal.signal(signal.SIGTERM, end)
 
 
 class Progress:

@@ -2,6 +2,7 @@
 
 import os
 import py_compile
+import signal
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -167,8 +168,13 @@ def test_wrong_sweeps_are_refused(values: Any, measure: str, told: str) -> None:
     assert told in str(error.value)
 
 
-def test_a_sweep_that_is_ended_says_what_is_kept_and_goes_on(tmp_path: Path, told) -> None:
-    """By SIGTERM, as job schedulers end a command, in the second of three rows."""
+@pytest.mark.parametrize("ctrl_c", [signal.default_int_handler, signal.SIG_IGN])
+def test_a_sweep_that_is_ended_says_what_is_kept_and_goes_on(
+    ctrl_c: Any, tmp_path: Path, told, request: pytest.FixtureRequest
+) -> None:
+    """By SIGTERM, as job schedulers end a command, in the second of three rows; also in the background, where Ctrl-C is ignored."""
+    before = signal.signal(signal.SIGINT, ctrl_c)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     (tmp_path / "scene.yaml").write_text(SCENE)
     (tmp_path / "own.py").write_text(
         "import os, signal\nfrom pathlib import Path\n\n\ndef reach(result):\n"
