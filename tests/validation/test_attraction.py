@@ -13,6 +13,7 @@ from reference.solids import box
 from magmpm.dynamics.time_loop import SimulationState, move
 from magmpm.model import build
 from magmpm.scene import Scene
+from magmpm.solving.precompile import prepare_kernels
 
 EDGE = 2e-3
 CELL = 1e-3
@@ -113,6 +114,7 @@ def energies(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         total.append(sum(state.energies.values()))
         kinetic.append(state.energies["kinetic"])
 
+    prepare_kernels(scene)  # not in this process, where it takes one thread half a minute
     end = move(build(scene), on_state=see)
     return np.array(total), np.array(kinetic), momenta(end.motion)
 
