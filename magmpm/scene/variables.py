@@ -223,12 +223,12 @@ def _at_address(scene: Scene, address: str) -> list[Variable]:
         if isinstance(value, bool) or not isinstance(value, float):
             _refuse(name, "must be the address of a real number", "add [0], [1] or [2] to a vector")
         if not _differentiable(place):
+            shape = "`length`" if scene.body.catheter is None else "`length` or `diameter`"
             _refuse(
                 name,
                 "it has no derivative: it changes the body's shape or grid, has no effect at rest, "
                 "or makes a stream",
-                "name `length` or `diameter`, or numbers of `field`, `effects`, `materials` or a "
-                "magnetization",
+                f"name {shape}, or numbers of `field`, `effects`, `materials` or a magnetization",
             )
         said = divided(value_at(scene, place, units=True))
         unit = "" if said is None else said[1]

@@ -87,8 +87,8 @@ def test_bench_says_what_it_was_measured_on(
     found = json.loads((tmp_path / "bench.json").read_text())
     host = found["machine"]
     assert set(host) >= {"host", "cpu", "cores", "threads", "commit", "load"}
-    assert host["dgemm_flop_per_s"] > 1e8
-    assert host["copy_bytes_per_s"] > 1e8
+    assert 0.0 < host["dgemm_flop_per_s"] < np.inf
+    assert 0.0 < host["copy_bytes_per_s"] < np.inf
     rate = found["particle_steps_per_s"]
     assert rate["value"] == 4e7
     assert rate["per_gflop"] == pytest.approx(4e16 / host["dgemm_flop_per_s"])

@@ -664,6 +664,8 @@ def test_what_is_refused(tmp_path: Path) -> None:
         magmpm.sensitivities(scene.with_effects(magnetic_torque=None), ["field"])
     with pytest.raises(magmpm.InputError, match=r"(?s)a strip has no diameter"):
         magmpm.sensitivities(scene_of("strip", tmp_path), ["diameter"])
+    with pytest.raises(magmpm.InputError, match="name `length`, or numbers of"):
+        magmpm.sensitivities(scene_of("strip", tmp_path), ["body.strip.width"])
     with pytest.raises(magmpm.InputError, match=r"(?s)a body of parts has no length"):
         magmpm.sensitivities(scene_of("parts", tmp_path), ["length"])
     moving = Scene.from_si(scene.to_si() | {"solver": {"dynamic": {"duration": 1e-3}}})
