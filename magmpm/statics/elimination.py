@@ -341,9 +341,9 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
 
 
 def _trees_below(above: Index, work: Array, threads: int = 2) -> Index:
-    """Cut a forest where so many threads are done with it first: of each front the tree below the cut that it is of, or -1.
+    """Cut a forest where so many threads are done with it first: of each front the tree below the cut that it is of, or -1 above it.
 
-    It does not depend on the threads that there are, because results depend on the cut.
+    Sums over trees depend on the cut, so it does not depend on the threads that there are.
     """
     whole = work.copy()  # of a front and all below it
     children: list[list[int]] = [[] for _ in above]
@@ -370,14 +370,14 @@ def _trees_below(above: Index, work: Array, threads: int = 2) -> Index:
         before += work[front]
         for child in children[front]:
             heappush(roots, (-whole[child], child))
-    tree = np.full(len(above), -2)
-    tree[cut[:kept]] = -1
+    top = set(cut[:kept])
+    tree = np.full(len(above), -1)
     trees = 0
     for front in reversed(range(len(above))):
-        if tree[front] == -1:
+        if front in top:
             continue
         parent = above[front]
-        if parent < 0 or tree[parent] == -1:
+        if parent < 0 or parent in top:
             tree[front] = trees
             trees += 1
         else:

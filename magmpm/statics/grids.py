@@ -119,8 +119,7 @@ def with_other_blocks(scene: Scene) -> tuple[Scene, float]:
 
     As for grids (error_estimate.left), errors fall at least as the size of a block to the power of 1.5; in catheters as its square.
     """
-    effect = scene.effects.magnetic_interaction
-    if effect is None or not acting.feels_itself(scene):
+    if scene.effects.magnetic_interaction is None or not acting.feels_itself(scene):
         return scene, 0.0
     count = _blocks(scene)
     for across in (2, 4, 1):
@@ -133,7 +132,7 @@ def with_other_blocks(scene: Scene) -> tuple[Scene, float]:
 
 def _blocks(scene: Scene) -> float:
     """Number of dipoles of a scene with `magnetic_interaction`."""
-    return float(build(scene).remanence[:, 3].max()) + 1.0
+    return build(scene).remanence[:, 3].max() + 1.0
 
 
 class Equilibria(Grids):

@@ -45,9 +45,8 @@ def _add_passed(child, front, fronts, below, out, boundary, size):
     length = size * (high - low)
     source = size * size * fronts.passed[child]
     rows = size * (fronts.row_first[front + 1] - fronts.row_first[front] - first)
-    stretch = np.empty(
-        high - low, np.int64
-    )  # one past the last of the rows in a row, as they are in the parent
+    # of each row, one past the last of those that follow each other in the parent as well
+    stretch = np.empty(high - low, np.int64)
     for q in range(high - 1, low - 1, -1):
         follows = q + 1 < high and fronts.into[q + 1] == fronts.into[q] + 1
         stretch[q - low] = stretch[q + 1 - low] if follows else q + 1
@@ -62,9 +61,9 @@ def _add_passed(child, front, fronts, below, out, boundary, size):
             while r < high:
                 end = stretch[r - low]
                 there = target + size * (fronts.into[r] - first)
-                from_there = here + size * (r - low)
+                passed = here + size * (r - low)
                 for i in range(size * (end - r)):
-                    out[there + i] += below[from_there + i]
+                    out[there + i] += below[passed + i]
                 r = end
 
 

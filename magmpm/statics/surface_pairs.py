@@ -136,7 +136,7 @@ class SurfacePairs:
                 point=weight @ x[here],
                 normal=mean / np.linalg.norm(mean),
             )
-            name = f"self_contact: {self.names[i]}, {'itself' if i == j else self.names[j]}"
+            name = pair_name(self.names[i], "itself" if i == j else self.names[j])
             found[name] = (one, here, weight)
         return found
 
@@ -158,9 +158,14 @@ def component_names(model: Model) -> list[str]:
     return [regions[segment[model.component == one].min()].name for one in range(count)]
 
 
+def pair_name(one: str, other: str) -> str:
+    """Name of the contact of two components, as contacts.csv has it."""
+    return f"self_contact: {one}, {other}"
+
+
 def pair_names(components: Iterable[str]) -> list[str]:
-    """Name of each pair of components, as contacts.csv has it."""
-    return [f"self_contact: {a}, {b}" for a, b in combinations(components, 2)]
+    """Names of the contacts of each two components."""
+    return [pair_name(one, other) for one, other in combinations(components, 2)]
 
 
 def _solid_cells(model: Model, still: bool) -> tuple[SolidCells, Index, Index]:
