@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Mask
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.simd import determinant_of, inverse_cube_root, load, magnitude, store
 
 # the largest shear modulus that a scene may give: above those of steel (80 GPa), tungsten and
@@ -227,7 +227,7 @@ def tangent(F, cof, J, G, p, stiffness, A):
 # The same for a group of eight particles, one lane each. A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
 
 
-@compiled
+@inner
 def _entries(F, at):
     """Entries of F of a group, row by row, as lanes."""
     return (
@@ -243,14 +243,14 @@ def _entries(F, at):
     )
 
 
-@compiled
+@inner
 def group_determinant(F, at):
     """det F of a group, F (9 8,) from index `at`."""
     a, b, c, d, e, f, g, h, i = _entries(F, at)
     return determinant_of(a, b, c, d, e, f, g, h, i)
 
 
-@compiled
+@inner
 def neo_hookean(F, at, J, shear, pressure, P):
     """`stress` P (9 8,) of a group, F from index `at` on. Returns what `stiffest` needs: G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2."""
     a, b, c, d, e, f, g, h, i = _entries(F, at)
@@ -279,7 +279,7 @@ def neo_hookean(F, at, J, shear, pressure, P):
     return scale, I1, A * A + B * B + C * C + D * D + E * E + Q * Q + R * R + S * S + T * T
 
 
-@compiled
+@inner
 def stiffest(J, scale, I1, I2, pressure, bulk):
     """Estimate of the largest eigenvalue, Pa, of the tangent dP/dF of a group. The largest stable step depends on it.
 

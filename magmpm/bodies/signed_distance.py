@@ -203,7 +203,7 @@ def to_triangles(points, corners):
     return found
 
 
-@compiled
+@inner
 def to_triangle(x, faces, f, away):
     """Distance (m) of x (3,) m from the triangle whose corners (m) begin at faces[f], and where its nearest place is: 0, 1, 2: at that
     corner; ON_EDGE; WITHIN. away (3,) m: from there to x. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
@@ -260,7 +260,7 @@ def to_triangle(x, faces, f, away):
     return np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2), at
 
 
-@compiled
+@inner
 def beside(best, side, d, at, faces, f, away):
     """The smallest distance (m) from some faces and the side of the nearest, negative inside; best, side: those without the last one, whose
     12 numbers begin at faces[f], which is at the distance d, its nearest place `at`, from there by `away` (3,) m.
@@ -285,7 +285,7 @@ def beside(best, side, d, at, faces, f, away):
     return (d, turned) if d < best * (1.0 - TIE) else (min(d, best), side + turned)
 
 
-@compiled
+@inner
 def to_faces(begin, end, near, faces, x, normal):
     """Signed distance (m) of x (3,) m from the nearest of the faces near[begin : end]; normal (3,): its slope."""
     best = np.inf
@@ -351,7 +351,7 @@ def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
     return np.array(points), np.array(found)
 
 
-@compiled
+@inner
 def _splines(p):
     """The middle of the three points whose quadratic splines reach a place p, and their values and slopes there."""
     i = int(p + 0.5)
@@ -394,7 +394,7 @@ def value(p, q, r, spacing, rows, columns, coefficients):
     return total, sx / spacing, sy / spacing, sz / spacing
 
 
-@compiled
+@inner
 def curvature(p, q, r, spacing, rows, columns, coefficients):
     """Second derivatives (1/m) of the distance along xx, yy, zz, xy, xz, yz, constant or linear in each cell; arguments as of `value`."""
     i, u, du = _splines(p)

@@ -11,7 +11,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from magmpm.compiled.by_address import call
-from magmpm.compiled.jit import compiled, inner_kernel
+from magmpm.compiled.jit import inner, inner_kernel
 
 _INT = ir.IntType(64)
 _BYTE = ir.IntType(8).as_pointer()
@@ -20,7 +20,7 @@ _BYTE = ir.IntType(8).as_pointer()
 TOGETHER = 128  # particles, points or nodes that a thread takes at a time, where each takes little
 
 
-@compiled
+@inner
 def parts_of(count):
     """Number of parts of TOGETHER, the last perhaps smaller."""
     return (count + TOGETHER - 1) // TOGETHER

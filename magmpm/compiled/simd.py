@@ -14,7 +14,7 @@ from numba.core import cgutils
 from numba.extending import lower_builtin, models, register_model, type_callable
 
 from magmpm.compiled.by_address import first_of, instruction
-from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.jit import inlined, inner
 
 WIDTH = 8
 _DOUBLE = ir.DoubleType()
@@ -229,7 +229,7 @@ def cube_root_guess(context, builder, signature, values):
     return builder.bitcast(builder.fptosi(guess, _INTEGERS), _VECTOR)
 
 
-@compiled
+@inner
 def inverse_cube_root(x):
     """x^(-1/3) of positive, normal lanes to a few units in the last place, by Newton's method on y^-3 = x from a guess good to 4 %.
 
@@ -248,19 +248,19 @@ def determinant_of(a, b, c, d, e, f, g, h, i):
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
-@compiled
+@inner
 def cross(a, b):
     """Product a x b of two triples."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@compiled
+@inner
 def dot(a, b):
     """Product a . b of two triples."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled
+@inner
 def rows(F):
     """Rows of F (3, 3) as triples: numbers, or lanes of eight particles."""
     return (F[0, 0], F[0, 1], F[0, 2]), (F[1, 0], F[1, 1], F[1, 2]), (F[2, 0], F[2, 1], F[2, 2])

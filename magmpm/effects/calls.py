@@ -20,7 +20,7 @@ from numba import carray, types
 from magmpm.compiled.arrays import Index
 from magmpm.compiled.by_address import address, call, floats, numbers
 from magmpm.compiled.cache import c_functions
-from magmpm.compiled.jit import C_OPTIONS, compiled, inlined
+from magmpm.compiled.jit import C_OPTIONS, compiled, inlined, inner
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.simd import load as lanes_at
 from magmpm.compiled.simd_views import matrix, row, vector
@@ -288,13 +288,13 @@ def call_each(rows, step, first, count, dt, given):
         call(rows[k, 0], (record, rows[k, 4], rows[k, 5], first, count, dt, given))
 
 
-@compiled
+@inner
 def given_for():
     """Room for the addresses of what hooks act on."""
     return np.zeros(1, GIVEN)
 
 
-@compiled
+@inner
 def particles_from(given, p, magnet, rho, x, F):
     """Give hooks the particles from number p on of magnet (n, columns), rho (n,), x (n, 3) and F (n, 3, 3)."""
     at = given[0]
@@ -305,14 +305,14 @@ def particles_from(given, p, magnet, rho, x, F):
     at.F = address(F, 9 * p)
 
 
-@compiled
+@inner
 def add_energies(rows, count, given, W):
     """Add the energies of the particles given to W (count,), J/m^3."""
     given[0].value = address(W, 0)
     call_each(rows, 0, 0, count, 0.0, address(given, 0))
 
 
-@compiled
+@inner
 def add_loads(rows, count, given, P, f):
     """Add the stresses and forces of the particles given to P (count, 3, 3) Pa and f (count, 3) N/m^3."""
     at = given[0]
@@ -321,7 +321,7 @@ def add_loads(rows, count, given, P, f):
     call_each(rows, 0, 0, count, 0.0, address(given, 0))
 
 
-@compiled
+@inner
 def add_curvatures(rows, count, given, A, H, M):
     """Add the second derivatives of the particles given to A (count, 9, 9) Pa, H (count, 3, 3) N/m^4 and M (count, 3, 9) N/m^3."""
     at = given[0]
@@ -331,7 +331,7 @@ def add_curvatures(rows, count, given, A, H, M):
     call_each(rows, 0, 0, count, 0.0, address(given, 0))
 
 
-@compiled
+@inner
 def points_from(given, x, mass, value, f):
     """Give hooks the points x (n, 3) and mass (n,), with what they write to value (n,) and f."""
     at = given[0]
@@ -341,7 +341,7 @@ def points_from(given, x, mass, value, f):
     at.force = address(f, 0)
 
 
-@compiled
+@inner
 def pushes(rows, step, given, x, mass, depth, f):
     """Write to depth (n,) the largest depth (m) of points x (n, 3) m in what acts: -inf without rows, or where that is unknown; and to
     f (n, PARTS) the push of all. mass (n,) kg."""

@@ -13,7 +13,7 @@ Hooks add to f (PARTS,): f[:3] the push, N; f[GRIP] the friction that it allows,
 
 import math
 
-from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.jit import compiled, inlined, inner
 
 GRIP, RIGIDITY, PARTS = range(3, 6)
 # What is kept of a touching point: the force of friction (3,) N, of which the next step begins; the unit normal (3,) of its push; and the
@@ -24,7 +24,7 @@ KEPT = 7
 LEAST_FRICTION = 1e-9  # of the largest friction: a point with so little less slides
 
 
-@compiled
+@inner
 def push(depth, n0, n1, n2, mass, stiffness, friction, f):
     """f += the push along n, its grip and rigidity. n: unit normal out of the obstacle; depth m; mass kg; stiffness over mass 1/s^2."""
     rigidity = mass * stiffness
@@ -43,7 +43,7 @@ def own_grip(friction, f):
         f[GRIP] = friction * math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
 
 
-@compiled
+@inner
 def spring(depth, s0, s1, s2, rigidity, f, H):
     """Energy (J) of the push at rest: rigidity depth^2 / 2. f (3,) += its force, H (3, 3) += rigidity s s^T.
 

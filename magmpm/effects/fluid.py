@@ -38,7 +38,7 @@ from pydantic import Field, model_validator
 
 from magmpm.bodies.wetted_surface import FLAT, ROUND, WettedSurface
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, compiled_elsewhere
+from magmpm.compiled.jit import compiled, compiled_elsewhere, inner
 from magmpm.effects.base import Effect, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
@@ -266,7 +266,7 @@ def stream(effect, path, x):
     return v
 
 
-@compiled
+@inner
 def _joined(slow, fast):
     """The two laws joined: (slow^(3/2) + fast^(3/2))^(2/3)."""
     root = np.cbrt(slow * math.sqrt(slow) + fast * math.sqrt(fast))

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, field_validator
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
@@ -96,7 +96,7 @@ class Ground(Obstacle):
         return unreached("ground", self.WORDS, limits, self.height(limits.base))
 
 
-@compiled
+@inner
 def depth(effect, x):
     """Depth (m) of a point x below the plane; negative above it."""
     p = effect.ground_point

@@ -367,7 +367,7 @@ def _act_change(places, moments, edges, of, dplaces, dmoments, dfield, dforce):
     )
 
 
-@compiled
+@inner
 def _row(data, magnet):
     """Index in data of the first number of a particle's block; -1 for none."""
     if len(magnet) < 4 or magnet[3] < 0.0:

@@ -10,7 +10,7 @@ Where magnetization_law is `rotates`, R Br takes the place of F Br. Source: Zhao
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.simd import dot
 from magmpm.effects import magnetization as turning
 from magmpm.effects.base import Effect, Records, SceneLike
@@ -137,7 +137,7 @@ def rotating_tangent(effect, data, magnet, rho, x, F, A):
     turning.add_tangent(effect.rotating_field_over_mu0, magnet, F, A)
 
 
-@compiled
+@inner
 def _h(effect, data, x):
     """B(x)/mu0, A/m."""
     b0, b1, b2 = field_at(effect, data, x)

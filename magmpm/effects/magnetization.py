@@ -17,7 +17,7 @@ import numpy as np
 from numba.extending import overload
 
 from magmpm.compiled.arrays import Mask
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.simd import cross, dot, highest, lanes, rows
 from magmpm.effects.base import SceneLike
 
@@ -44,7 +44,7 @@ def _largest_of(value):  # type: ignore[no-untyped-def]
     return (lambda value: highest(value)) if value == lanes else (lambda value: value)
 
 
-@compiled
+@inner
 def _sum(p, a, q, b, r, c):
     """p a + q b + r c of triples a, b, c."""
     return (
@@ -96,7 +96,7 @@ def rotation(F):
     )
 
 
-@compiled
+@inner
 def _stretch(F, R):
     """U = R^T F as xx, yy, zz, xy, xz, yz."""
     a, b, c = rows(F)
@@ -106,7 +106,7 @@ def _stretch(F, R):
     return x[0], y[1], z[2], x[1], x[2], y[2]
 
 
-@compiled
+@inner
 def _inverse(U, s, size):
     """Inverse of Y = s 1 - U, both as U; size: det Y."""
     x = s - U[0]
@@ -126,7 +126,7 @@ def _inverse(U, s, size):
     )
 
 
-@compiled
+@inner
 def _times(A, v):
     """Symmetric matrix (xx, yy, zz, xy, xz, yz) times a triple."""
     return (
@@ -136,14 +136,14 @@ def _times(A, v):
     )
 
 
-@compiled
+@inner
 def followed(magnet, F):
     """F Br (triple), T, of a particle or of eight: the magnetization that follows all of F."""
     x, y, z = rows(F)
     return dot(x, magnet), dot(y, magnet), dot(z, magnet)
 
 
-@compiled
+@inner
 def carried(magnet, F):
     """Magnetization (triple) of a particle, or of eight, each by its law, T."""
     R = rotation(F)[0]
@@ -156,13 +156,13 @@ def carried(magnet, F):
     )
 
 
-@compiled
+@inner
 def energy(h, magnet, F):
     """-h . m, J/m^3, with m the magnetization by the particle's law; h = B/mu0, A/m, anything with three entries."""
     return -dot(h, carried(magnet, F))
 
 
-@compiled
+@inner
 def _turning(magnet, F, h):
     """R, U, Y^-1, R^T h, b and q (of zero b where the law is to stretch): what the derivatives of -h . R b are made of."""
     R, s, size = rotation(F)
@@ -183,7 +183,7 @@ def add_stress(h, magnet, F, P):
             P[k, i] = P[k, i] + x[i] - h[k] * (magnet[i] - b[i])
 
 
-@compiled
+@inner
 def add_tangent(h, magnet, F, A):
     """A (9, 9) += d2(-h . m)/dF2, Pa. F_kM turns R by dR = R [w]x with Y w = e_M x (row k of R)."""
     if magnet[3] == 0.0:

@@ -19,7 +19,7 @@ from magmpm.bodies.curves import curve, tightest_radius
 from magmpm.bodies.signed_distance import DistanceTable, curvature, value
 from magmpm.bodies.surface_mesh import outline, read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
@@ -275,7 +275,7 @@ def _surface_table(surface: Surface, spacing: float) -> DistanceTable:
     return distance.solid([corners], corners, spacing, 0.0)
 
 
-@compiled
+@inner
 def depth(effect, data, x):
     """Distance (m) of a point x beyond the wall, negative inside; slope of the distance, inwards."""
     s = effect.walls_spacing

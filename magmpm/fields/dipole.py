@@ -10,7 +10,7 @@ A dipole stands in `data` as position (3) m, moment (3) A m^2, radius m.
 
 import math
 
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 
 # Vacuum permeability, T m/A, as the SI defined it until 2019. scipy.constants.mu_0, which is measured since then, is less by 1.3e-10 of it;
 # remanences are known to some 1e-2, and the references that results are compared with use this value.
@@ -20,7 +20,7 @@ K = 1e-7  # mu0 / 4 pi, T m/A
 POINT = 1e-6  # m, radius of a dipole that is given none
 
 
-@compiled
+@inner
 def _seen(data, at, y0, y1, y2):
     """A dipole seen from a place: the way to it (3) m and its square, the moment (3) A m^2, and the radius, m."""
     x = y0 - data[at]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.jit import compiled, compiled_elsewhere
+from magmpm.compiled.jit import compiled, compiled_elsewhere, inner
 from magmpm.fields import dipole, spline
 
 PLACE: list[Any] = [
@@ -31,7 +31,7 @@ _spline_size = spline.size_of
 DIPOLE = dipole.DIPOLE_SIZE
 
 
-@compiled
+@inner
 def _inward(place, x0, x1, x2):
     """R^T v."""
     R = place.frame
@@ -42,7 +42,7 @@ def _inward(place, x0, x1, x2):
     )
 
 
-@compiled
+@inner
 def _outward(place, y0, y1, y2):
     """R v."""
     R = place.frame
@@ -53,7 +53,7 @@ def _outward(place, y0, y1, y2):
     )
 
 
-@compiled
+@inner
 def _local(place, x):
     """The point in the sources' frame."""
     o = place.origin
@@ -86,7 +86,7 @@ def field(place, data, x):
     return u[0] + s * b0, u[1] + s * b1, u[2] + s * b2
 
 
-@compiled
+@inner
 def _local_gradient(data, y0, y1, y2):
     """dB0_i/dy_j (9) in the sources' frame, T/m."""
     total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -100,7 +100,7 @@ def _local_gradient(data, y0, y1, y2):
     return total
 
 
-@compiled
+@inner
 def _sum_of_nine(p, q):
     """Sum of nine numbers each."""
     a, b, c, d, e, f, g, h, i = p
@@ -123,7 +123,7 @@ def pull(place, data, x, m0, m1, m2):
     )
 
 
-@compiled
+@inner
 def gradient(place, data, x, G):
     """G (3, 3) += dB_i/dx_j, T/m."""
     y0, y1, y2 = _local(place, x)
@@ -143,7 +143,7 @@ def gradient(place, data, x, G):
             G[i, j] += s * total
 
 
-@compiled
+@inner
 def _sum_of_six(p, q):
     """Sum of six numbers each."""
     return p[0] + q[0], p[1] + q[1], p[2] + q[2], p[3] + q[3], p[4] + q[4], p[5] + q[5]

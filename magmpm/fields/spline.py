@@ -14,7 +14,7 @@ Beyond the box the functions return the value at the nearest point of its surfac
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.simd import folded, halves, load, splat
 
 HEADER = 18
@@ -71,7 +71,7 @@ def packed(lower: Array, spacing: Array, values: Array, frame: Array | None = No
     )
 
 
-@compiled
+@inner
 def _inward(data, at, y0, y1, y2):
     """A vector along the table's axes."""
     R = at + AXES
@@ -82,7 +82,7 @@ def _inward(data, at, y0, y1, y2):
     )
 
 
-@compiled
+@inner
 def _outward(data, at, y0, y1, y2):
     """A vector of the table's axes along those of the points."""
     R = at + AXES
@@ -93,7 +93,7 @@ def _outward(data, at, y0, y1, y2):
     )
 
 
-@compiled
+@inner
 def _cell(data, at, axis, y):
     """Cell, and place in it (0 to 1), of a coordinate."""
     s = (y - data[at + axis]) * data[at + 3 + axis]
@@ -103,7 +103,7 @@ def _cell(data, at, axis, y):
     return cell, s - cell
 
 
-@compiled
+@inner
 def _place(data, at, y0, y1, y2):
     """Cell and place in it, axis by axis, of a point along the table's axes; the coefficients along the second and third axis."""
     i, r = _cell(data, at, 0, y0)
@@ -112,7 +112,7 @@ def _place(data, at, y0, y1, y2):
     return i, r, j, s, k, t, int(data[at + 7]) + 2, int(data[at + 8]) + 2
 
 
-@compiled
+@inner
 def _weight(i, t):
     """Cubic B-spline i of a cell's four at t."""
     if i == 0:
@@ -124,7 +124,7 @@ def _weight(i, t):
     return t * t * t / 6.0
 
 
-@compiled
+@inner
 def _slope(i, t):
     """Its derivative with respect to t."""
     if i == 0:
@@ -136,7 +136,7 @@ def _slope(i, t):
     return 0.5 * t * t
 
 
-@compiled
+@inner
 def _bend(i, t):
     """Its second derivative."""
     if i == 0:
@@ -223,7 +223,7 @@ def gradient(data, at, y0, y1, y2):
     return x0, y0, z0, x1, y1, z1, x2, y2, z2
 
 
-@compiled
+@inner
 def _per_cell(data, at, axis, y):
     """Cells per meter along an axis, 1/m; 0 beyond the box, where the value no longer changes."""
     s = (y - data[at + axis]) * data[at + 3 + axis]

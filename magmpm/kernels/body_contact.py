@@ -18,7 +18,7 @@ from numba import types
 
 from magmpm.bodies.contact_solid import Solids, solid_distance
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined, only_where
+from magmpm.compiled.jit import compiled, inlined, inner, only_where
 from magmpm.effects.contact_force import (
     KEPT,
     MOST_PUSH,
@@ -153,7 +153,7 @@ def _gather(field, node, along_x, along_y, value, slope, u, F):
                     F[i, 2] += n * slope[6 + c] * field[k + i]
 
 
-@compiled
+@inner
 def _inverted(F, out):
     """Write the inverse of F (3, 3) to out."""
     for i in range(3):
@@ -169,7 +169,7 @@ def _inverted(F, out):
             out[i, j] /= det
 
 
-@compiled
+@inner
 def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, inverse):
     """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface. work (24,):
     values of the splines there, room, and at last the normal.
@@ -418,7 +418,7 @@ def places_at_rest(cells, solids, strides, u, x, solid, begun, places):
                 places.bend[k, i, j] = total
 
 
-@compiled
+@inner
 def _curvature(solids, s, X, width, out):
     """Write the second derivative (3, 3) 1/m of the distance from solid s at X (3,) m: differences of its slope over 1e-5 of a cell."""
     step = 1e-5 * width
@@ -435,7 +435,7 @@ def _curvature(solids, s, X, width, out):
             out[i, j] = ahead / (4.0 * step)
 
 
-@compiled
+@inner
 def _less_bent(cells, cell, strides, u, value, slope, g, out):
     """Subtract from out (3, 3) the second derivative 1/m of g . u at the place in a cell with these splines."""
     bend = np.empty(9)

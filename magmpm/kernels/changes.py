@@ -62,7 +62,7 @@ def load_changes(calls, magnet, rho, x, F, dmagnet, drho, P, f):
     )
 
 
-@compiled
+@inner
 def _changed(given, p, dmagnet, drho):
     """Give hooks the changes of the particles from number p on: dmagnet (n, columns) and drho (n,)."""
     at = given[0]
@@ -148,7 +148,7 @@ class _Room(NamedTuple):
     factors: Array
 
 
-@compiled
+@inner
 def _room(most, k, modes):
     """Work space for cells of at most this many particles."""
     rows = ROWS_PER_PARTICLE * most
@@ -172,7 +172,7 @@ def _room(most, k, modes):
     )
 
 
-@compiled
+@inner
 def _rows(first, last, particles, room):
     """Write the rows of a cell's particles."""
     for p in range(first, last):
@@ -181,7 +181,7 @@ def _rows(first, last, particles, room):
         particle_splines(particles.weights[p], room.G[q + 3])
 
 
-@compiled
+@inner
 def _to_nodes(count, fortran, room):
     """C = G^T T: forces at a cell's nodes."""
     multiply(ROWS_PER_PARTICLE * count, fortran, room, 1, 1, 2, room.T, 0, room.G, 1, room.C)
@@ -222,7 +222,7 @@ def scatter(cells, particles, column, P, f, fortran, out):
     )
 
 
-@compiled
+@inner
 def _slots_of_cell(first, last, volume, P, f, T):
     """Write volume P and -volume f of a cell's particles to T (rows, 3, slots)."""
     for p in range(first, last):
@@ -234,7 +234,7 @@ def _slots_of_cell(first, last, volume, P, f, T):
                 T[q + 3, i, slot] = -volume[p] * f[slot, p, i]
 
 
-@compiled
+@inner
 def _scatter_column(plane, rows, r, slot, column, out):
     """Add a slot of a cell's forces r (9, 9 slots) to one column of out (planes, columns, 3 nodes)."""
     slots = r.shape[1] // 9
@@ -297,7 +297,7 @@ def tangent_products(cells, particles, calls, x, F, fortran, count, columns, sti
     )
 
 
-@compiled
+@inner
 def _gather(plane, rows, columns, C):
     """Write a cell's coefficients to C (9, 9 k)."""
     wide = C.shape[1]
@@ -309,7 +309,7 @@ def _gather(plane, rows, columns, C):
                 target[k] = source[rows[b] * (wide // 3) + k]
 
 
-@compiled
+@inner
 def _scatter_all(plane, rows, C, out):
     """Add a cell's C (9, 9 k) to out (planes, 3 nodes k)."""
     wide = C.shape[1]
@@ -321,7 +321,7 @@ def _scatter_all(plane, rows, C, out):
                 target[rows[b] * (wide // 3) + k] += source[k]
 
 
-@compiled
+@inner
 def _weigh(first, last, volume, D):
     """Multiply the rows of values by the particles' volumes."""
     for p in range(first, last):
@@ -331,7 +331,7 @@ def _weigh(first, last, volume, D):
                 D[q, i, k] *= volume[p]
 
 
-@compiled
+@inner
 def _stress_changes(first, last, particles, calls, x, F, room):
     """Write volume times the change of stress and of force with the changes D of gradients and positions of a cell's particles to T."""
     _, _, volume, shear, bulk, modes, remanence, density = particles
@@ -368,7 +368,7 @@ def _stress_changes(first, last, particles, calls, x, F, room):
                         T[q + j, i, k] += scale * cof[i, j] * s[mode, k]
 
 
-@compiled
+@inner
 def _multiply_rows(q, volume, A, D, T):
     """Rows q .. q + 2 of T: volume A_iJkL D_kL."""
     for i in range(len(A) // 3):
@@ -384,7 +384,7 @@ def _multiply_rows(q, volume, A, D, T):
                     out[n] += a0 * D[q, k, n] + a1 * D[q + 1, k, n] + a2 * D[q + 2, k, n]
 
 
-@compiled
+@inner
 def _soften_rows(q, volume, H, M, D, T):
     """The terms of an energy that also depends on position (kernels.equilibrium): row q + 3 of T, and additions to rows q .. q + 2."""
     for i in range(len(H)):
@@ -396,7 +396,7 @@ def _soften_rows(q, volume, H, M, D, T):
                     T[q + j, i, n] += volume * M[k, 3 * i + j] * D[q + 3, k, n]
 
 
-@compiled
+@inner
 def _add_product(scale, cof, D, q, s):
     """s (k,) += scale cof : D, the change of det F."""
     for i in range(len(cof)):

@@ -68,7 +68,7 @@ class StaticParticles(NamedTuple):
     density: Array
 
 
-@compiled
+@inner
 def _volume_moments(first, last, volume, modes, F, c):
     """c (modes,): moments of det F - 1 over a cell's particles, sum of volume mode (J - 1), in m^(3/2)."""
     c[:] = 0.0
@@ -78,7 +78,7 @@ def _volume_moments(first, last, volume, modes, F, c):
             c[k] += modes[p, k] * change
 
 
-@compiled
+@inner
 def _volume_change(J, p, modes, c):
     """J at particle p as it enters the volume part of the energy: det F itself, or its projection on the cell's modes."""
     if len(c) == 0:
@@ -134,7 +134,7 @@ def cell_energy(cells, particles, calls, x, F, energy, low, high):
     )
 
 
-@compiled
+@inner
 def _particle_gradients(weights, slopes, G):
     """Write the gradients of a particle's 27 splines to G (3, 27), 1/m. Nodes are ordered x slowest."""
     for a in range(3):
@@ -149,7 +149,7 @@ def _particle_gradients(weights, slopes, G):
                 G[2, node] = nn * slopes[2, c]
 
 
-@compiled
+@inner
 def particle_splines(weights, N):
     """Write a particle's 27 splines to N (27,)."""
     for a in range(3):
@@ -158,7 +158,7 @@ def particle_splines(weights, N):
                 N[9 * a + 3 * b + c] = weights[0, a] * weights[1, b] * weights[2, c]
 
 
-@compiled
+@inner
 def _add_residual(weights, G, P, f, volume, r):
     """r (27, 3) += volume (P grad N_a - f N_a), N: the share of one particle in the cell's residual."""
     for a in range(3):
@@ -176,7 +176,7 @@ def _add_residual(weights, G, P, f, volume, r):
                     )
 
 
-@compiled
+@inner
 def _scatter_vector(plane, rows, r, residual):
     """Add a cell's (27, 3) residual to residual (planes, 3 nodes)."""
     for a in range(3):
@@ -187,7 +187,7 @@ def _scatter_vector(plane, rows, r, residual):
                     residual[plane + a, first + 3 * c + k] += r[9 * a + 3 * b + c, k]
 
 
-@compiled
+@inner
 def _elastic(first, last, particles, F, cof, c, P):
     """Write the elastic stress (Pa) of a cell's particles to P (last - first, 3, 3), and its moments to c (modes,); cof: work space."""
     _volume_moments(first, last, particles.volume, particles.modes, F, c)
@@ -238,7 +238,7 @@ def particles_to_grid(cells, particles, calls, x, F, residual):
     )
 
 
-@compiled
+@inner
 def _particle_products(q, volume, A, G, T):
     """Rows q .. q + 2 of T [q, i, k, node]: volume A_iJkL dN/dX_L for J = 0, 1, 2."""
     for j in range(3):
@@ -253,7 +253,7 @@ def _particle_products(q, volume, A, G, T):
                     )
 
 
-@compiled
+@inner
 def _particle_softening(q, volume, weights, H, M, G, T):
     """Add the terms of an energy W that also depends on position, x = X + sum N c. The splines N of the particle are a fourth row of G.
 
@@ -296,7 +296,7 @@ class Room(NamedTuple):
     factors: Array
 
 
-@compiled
+@inner
 def _room(most, each, modes):
     """Work space for this many particles, rows of each, and modes."""
     rows = most * each
@@ -321,7 +321,7 @@ def _room(most, each, modes):
     )
 
 
-@compiled
+@inner
 def _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r):
     """Tangent K [node, i, k, other] (27, 3, 3, 27) and residual r (27, 3): sum over particles and J of dN/dX_J(node) T(J, i, k, other)."""
     weights, slopes, volume, shear, bulk, modes, remanence, density = particles
@@ -370,7 +370,7 @@ def _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r):
                         K[node, i, k, other] += scale * b[mode, k, other]
 
 
-@compiled
+@inner
 def multiply(count, fortran, room, turned, rows, inner, A, a, B, b, C):
     """C = B A, or B^T A where `turned` is 1, row by row, by dgemm. The third of room.sizes is set to `count`, the first is the length of
     C's rows; rows, inner, a, b: places there of C's number of rows, of the sum's length, and of how far rows of A and of B are apart.
@@ -408,7 +408,7 @@ def multiply(count, fortran, room, turned, rows, inner, A, a, B, b, C):
     )
 
 
-@compiled
+@inner
 def _kept_rows(column, a, split):
     """Planes of a cell, of its three, that are rows of its a-th plane, column `column` of the panels: the first, and one past the last."""
     if column >= split + 2:
@@ -559,7 +559,7 @@ def add_stresses(cells, particles, P, residual):
     over_slabs(len(cells.slab_first) - 1, task(_stresses_of_slab, (cells, particles, P, residual)))
 
 
-@compiled
+@inner
 def _at_rest(rest, p, k, j):
     """Entry of F at rest: of all particles alike, rest (3, 3), or of each, (n, 3, 3)."""
     return rest[k, j] if rest.ndim == 2 else rest[p, k, j]

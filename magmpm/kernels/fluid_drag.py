@@ -11,7 +11,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.jit import inner
 from magmpm.compiled.parallel import TOGETHER
 from magmpm.effects.calls import call_each, given_for
 from magmpm.kernels.impulses import SPLINES, add_force, sum_at
@@ -40,7 +40,7 @@ class WettedPieces(NamedTuple):
     carried: Array
 
 
-@compiled
+@inner
 def _gather(piece, pieces, along_x, along_y, state, x, v):
     """Write to x and v (3,) the place (m) and velocity (m/s) of a piece, and its direction to pieces.normal."""
     to = (SPLINES * piece, pieces.node[piece], along_x, along_y)
@@ -71,7 +71,7 @@ def _gather(piece, pieces, along_x, along_y, state, x, v):
     normal[n + 2] = a * q - b * p
 
 
-@compiled
+@inner
 def immerse(slab, step, dt, pieces, cells, state, calls):
     """Add the drag on the pieces of a slab to state.force."""
     if len(calls.drag) == 0:

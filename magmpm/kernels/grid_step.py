@@ -6,7 +6,7 @@ State and Nodes: kernels.total_lagrangian_step.
 import numpy as np
 
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.jit import inlined, inner
 from magmpm.compiled.parallel import TOGETHER
 from magmpm.effects.calls import call_each, given_for
 from magmpm.kernels.body_contact import pace_of
@@ -38,7 +38,7 @@ def move_node(k, dt, nodes, meeting, state):
     return pace_of(meeting, k, n, state.v)
 
 
-@compiled
+@inner
 def change_nodes(rows, first, last, step, dt, nodes, state):
     """Let effects change the velocities of active nodes from number `first` to before `last`."""
     given = given_for()
@@ -51,7 +51,7 @@ def change_nodes(rows, first, last, step, dt, nodes, state):
     call_each(rows, step, 0, last - first, dt, address(given, 0))
 
 
-@compiled
+@inner
 def push_time(calls, step, dt):
     """Seconds for which forces push in a step of dt (s)."""
     time = np.full(1, dt)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.jit import inlined, inner
 from magmpm.compiled.simd import eight, load, one_by_one, splat, store
 from magmpm.kernels.mass_correction import (
     KNOTS_SEEN,
@@ -82,7 +82,7 @@ FIELDS = 9 * KNOTS_SEEN
 COLUMN = 9 * (2 * NEARBY + KNOTS_SEEN)
 
 
-@compiled
+@inner
 def new_places(count):
     """Room for so many places."""
     return Places(
@@ -94,7 +94,7 @@ def new_places(count):
     )
 
 
-@compiled
+@inner
 def come_to(places, k, node, along_x, along_y, weights, at):
     """Set place k by its cell's first node, and its splines along each axis from index `at` of weights on."""
     places.node[k] = node
@@ -110,7 +110,7 @@ def come_to(places, k, node, along_x, along_y, weights, at):
             places.splines[to + 8] = share * z2
 
 
-@compiled
+@inner
 def give_at(places, k, along_x, along_y, correction, inverse_mass):
     """Compute what the correction sees of place k, and return by how much (1/kg) it is quicker after an impulse of 1 N s, at most."""
     node = places.node[k]
@@ -141,7 +141,7 @@ def sum_at(splines, at, node, along_x, along_y, field):
     return _components(low, last)
 
 
-@compiled
+@inner
 def velocity_at(places, k, along_x, along_y, push, correction, field):
     """Velocity (m/s) of place k, as the impulses so far have changed it."""
     x, y, z = sum_at(places.splines, SPLINES * k, places.node[k], along_x, along_y, field)
@@ -149,7 +149,7 @@ def velocity_at(places, k, along_x, along_y, push, correction, field):
     return x + push * s, y + push * t, z + push * u
 
 
-@compiled
+@inner
 def add_force(splines, at, node, along_x, along_y, f, force):
     """Add a force f, a triple, N, to those of the nodes; splines: as of Places, from index `at` on."""
     x, y, z = f
@@ -160,7 +160,7 @@ def add_force(splines, at, node, along_x, along_y, f, force):
         force[n + 8] += splines[at + 9 * row + 8] * z
 
 
-@compiled
+@inner
 def quicken(places, k, along_x, along_y, push, correction, inverse_mass, f, v):
     """Change the nodes' velocities v (3 nodes,) by the force f, a triple, N, on place k for push (s); note it for the correction."""
     p0 = push * f[0]

@@ -89,7 +89,7 @@ def _sum_plane(plane, given):
     m[plane, 6], m[plane, 7], m[plane, 8] = c0, c1, c2
 
 
-@compiled
+@inner
 def _solve(pivot, link, first, last, load, answer):
     """answer (knots, 9) of one chain, by block elimination with factors from dynamics.nodal_mass."""
     for k in range(first, last):
@@ -120,7 +120,7 @@ def correct(correction, force):
     _spread(correction)
 
 
-@compiled
+@inner
 def _spread(correction):
     """Solve for `added` from the moments of all planes."""
     load = correction.load
@@ -136,7 +136,7 @@ def _spread(correction):
     spread_loads(correction)
 
 
-@compiled
+@inner
 def spread_loads(correction):
     """Solve for `added` from the loads of all knots."""
     load = correction.load
@@ -181,7 +181,7 @@ def begin_impulses(correction):
     correction.ahead[:] = 0.0
 
 
-@compiled
+@inner
 def fields_at(correction, node, along_x, along_y, splines, at, fields, begun):
     """Write to fields, from index `begun` on, those of knots at a place of a cell, nine a knot: each of 1, y, z for three components.
 
@@ -217,7 +217,7 @@ def fields_at(correction, node, along_x, along_y, splines, at, fields, begun):
     return first
 
 
-@compiled
+@inner
 def ahead_at(correction, first, fields, at):
     """Return the accelerations (m/s^2) that the correction of the impulses so far adds at a place; its fields begin at index `at`."""
     if first < 0:
@@ -237,7 +237,7 @@ def ahead_at(correction, first, fields, at):
     )
 
 
-@compiled
+@inner
 def give_of(correction, first, fields, at, column, to):
     """Return by how much (1/kg) the correction makes a place quicker after 1 N s. Writes to column, from index `to` on, what it does to
     the knots nearby, each number for three components."""
@@ -266,7 +266,7 @@ def give_of(correction, first, fields, at, column, to):
     return give
 
 
-@compiled
+@inner
 def add_impulse(correction, first, fields, at, column, to, f):
     """Note an impulse of the force f, a triple, N, at a place whose fields and column (`give_of`) begin at indices `at` and `to`."""
     if first < 0:

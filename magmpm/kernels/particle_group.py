@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import inner
 from magmpm.compiled.simd import WIDTH
 from magmpm.effects.calls import GIVEN, call_each
 
@@ -41,7 +41,7 @@ class GroupRoom(NamedTuple):
     addresses: NDArray[Any]
 
 
-@compiled
+@inner
 def group_room(most, calls, particles, memory):
     """Work space for at most `most` groups, for what acts.
 
@@ -103,7 +103,7 @@ def group_room(most, calls, particles, memory):
     )
 
 
-@compiled
+@inner
 def add_one_by_one(narrow, step, dt, first, count, particles, room):
     """Add the effects whose hooks take one particle at a time to the stress `added` (Pa) and load f (N/m^3) of groups in room, `count` from
     number `first` on. Room for one of them is left for rho, x, F, dF, stress, force, lane and magnet, in this order."""

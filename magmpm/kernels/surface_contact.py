@@ -68,7 +68,7 @@ class SortedSurfacePoints(NamedTuple):
     wetted: WettedPieces
 
 
-@compiled
+@inner
 def _most_points(surface):
     """Number of points of the largest patch."""
     most = 0
@@ -77,7 +77,7 @@ def _most_points(surface):
     return most
 
 
-@compiled
+@inner
 def touch(slab, step, surface, cells, state, calls, slabs):
     """Add the contact of a slab's surface to state.force, with the friction of the step before; keep what `rub` needs in state.touching.
 
@@ -156,7 +156,7 @@ class Rubbing(NamedTuple):
     places: Places
 
 
-@compiled
+@inner
 def rubbing_patches(surface, cells, nodes, correction, state, rubs):
     """Find the patches with friction. rubs (slabs,): as `touch` writes it. Returns their number, and a Rubbing with room for more."""
     most = int(rubs.sum())
@@ -183,7 +183,7 @@ def rubbing_patches(surface, cells, nodes, correction, state, rubs):
     return count, found
 
 
-@compiled
+@inner
 def rub(push, rubbing, cells, inverse_mass, correction, state, back):
     """Stop the sliding of patches, one after another, as far as their pushes allow; push s: for which forces push in the step.
 

@@ -47,7 +47,7 @@ from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest
 
 
-@compiled
+@inner
 def gather(field, node, along_x, along_y, splines, first, gradient, to, value, at):
     """Gradient (9 8,) and value (3 8,) of a nodal field (3 nodes,) at a group of particles, from indices `to` and `at` on.
 
@@ -121,7 +121,7 @@ def gather(field, node, along_x, along_y, splines, first, gradient, to, value, a
     store(value, at + 0, u0), store(value, at + 8, u1), store(value, at + 16, u2)
 
 
-@compiled
+@inner
 def gather_value(field, node, along_x, along_y, splines, first, value):
     """Value (3 8,) alone of a nodal field at a group of particles; arguments as in `gather`."""
     zero = splat(0.0)
@@ -148,7 +148,7 @@ def gather_value(field, node, along_x, along_y, splines, first, value):
     store(value, 0, u0), store(value, 8, u1), store(value, 16, u2)
 
 
-@compiled
+@inner
 def scatter(force, node, along_x, along_y, splines, first, stress, load_, at, V, work):
     """force (3 nodes,) -= sum over a group of stress (9 8,) grad N - V load (3 8,) N, load from index `at` on; V: volumes, by which
     stress is multiplied already."""
@@ -222,7 +222,7 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, at, V,
     force[k + 6 * (along_x + along_y)] += last
 
 
-@compiled
+@inner
 def _project(particles, group, det, c, moment):
     """c (modes,), from index `moment` on, += moments of J - 1 over a group (model.volume_modes); det: lanes of J."""
     at = particles.moments[group]
@@ -231,7 +231,7 @@ def _project(particles, group, det, c, moment):
         c[moment + k] += total(load(particles.modes, at + 8 * k) * change)
 
 
-@compiled
+@inner
 def _projected(modes, at, count, c, moment):
     """J - 1 of a group, projected on the modes of its cell."""
     value = splat(0.0)
@@ -428,7 +428,7 @@ def particles_to_grid(cell, begun, cells, particles, state, room, high, change):
     return high, change
 
 
-@compiled
+@inner
 def _together(begun, last, groups, cells):
     """End of the cells from number `begun` on, before `last`, that have no more than so many groups, or of one cell."""
     end = begun + 1
@@ -469,7 +469,7 @@ def _forces_of_slab(slab, given):
     see(slabs, slab, least, bad, high, change)
 
 
-@compiled
+@inner
 def _most_groups(cells):
     """Number of groups in the fullest cell. On its own: within `advance` its type would be open at first, and kernels compile for both."""
     most = 1

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.jit import inlined, inner
 from magmpm.compiled.simd import highest, lowest, total
 from magmpm.kernels.flutter import no_flutter
 
@@ -56,7 +56,7 @@ def see(slabs, slab, least, bad, high, change):
     slabs.high[slab], slabs.change[slab] = highest(high), highest(change)
 
 
-@compiled
+@inner
 def stops(watch, slabs):
     """Update the watch; return whether the steps must end here."""
     most = 0.0
@@ -79,7 +79,7 @@ def stops(watch, slabs):
     return watch[WHY] != GOING
 
 
-@compiled
+@inner
 def clear(values):
     """Set all values to zero: the grid of a step that is not taken."""
     values[:] = 0.0

@@ -27,7 +27,7 @@ from magmpm.rod.kernels import (
 )
 
 
-@compiled
+@inner
 def _add_cross(h, a, b, out):
     """out += h a x b."""
     out[0] += h * (a[1] * b[2] - a[2] * b[1])
@@ -35,7 +35,7 @@ def _add_cross(h, a, b, out):
     out[2] += h * (a[0] * b[1] - a[1] * b[0])
 
 
-@compiled
+@inner
 def _clear(a):
     """a (n, 3) = 0. (Array expressions would take seconds to compile.)"""
     for k in range(len(a)):
@@ -43,7 +43,7 @@ def _clear(a):
             a[k, i] = 0.0
 
 
-@compiled
+@inner
 def _add_change(h, fields, m, c, changes, work, out):
     """out -= h times the change of a potential's gradient. fields: b, w (2, 3); changes: dm, db, dw (3, 3), all in the frame."""
     b = fields[0]
@@ -68,7 +68,7 @@ def _add_change(h, fields, m, c, changes, work, out):
     _add_cross(-h, f, Cdf, out)
 
 
-@compiled
+@inner
 def _imaginary(a, d, factor, out):
     """out += factor times the vector part of a (0, d), a quaternion."""
     out[0] += factor * (a[0] * d[0] + a[2] * d[2] - a[3] * d[1])
@@ -76,7 +76,7 @@ def _imaginary(a, d, factor, out):
     out[2] += factor * (a[0] * d[2] + a[1] * d[1] - a[2] * d[0])
 
 
-@compiled
+@inner
 def _between(p, q, a, b, mid):
     """Frame half-way between two, mid, and by what their rotations (own axes) turn it: Im(a (0, d_p) + b (0, d_q))."""
     dot = 0.0
@@ -98,7 +98,7 @@ def _between(p, q, a, b, mid):
         out[3] = factor * (mid[0] * r[3] - mid[3] * r[0] - mid[1] * r[2] + mid[2] * r[1])
 
 
-@compiled
+@inner
 def _element(e, q, rod, A, P, Q):
     """Derivatives of an element's span: A (2, 3, 3) by the rotations of its frames, P (2, 3, 3) by the fields there, Q (3) by the axial m0.
 
@@ -166,7 +166,7 @@ def _element(e, q, rod, A, P, Q):
                         A[side, i, j] += share * R[i, t] * span[t]
 
 
-@compiled
+@inner
 def _right_side(frames, rod, parameters, column, x):
     """x (n + 1, 3): minus the change of the gradient for a column."""
     sizes, shares = parameters
@@ -197,7 +197,7 @@ def _right_side(frames, rod, parameters, column, x):
             )
 
 
-@compiled
+@inner
 def _add_column(spans, moment, parameters, column, slopes):
     """Positions' slopes, slopes[1] (n + 1, 3), of a column from the rotations slopes[0] and the elements' answers `spans`."""
     A, P, Q = spans
@@ -227,7 +227,7 @@ def _add_column(spans, moment, parameters, column, slopes):
             place[e + 1, i] = value
 
 
-@compiled
+@inner
 def _slopes(q, rod, parameters, frames, slopes):
     """All columns: slopes (columns, 2, n + 1, 3), of the rotations (rad, own axes) and of the positions. False: no minimum."""
     n = len(rod.length)
@@ -251,7 +251,7 @@ def _slopes(q, rod, parameters, frames, slopes):
     return True
 
 
-@compiled
+@inner
 def _inertia(frames, length, x, moved, out):
     """out = M x, all (n + 1, 3): forces of inertia, 1 kg per m, of the displacements that rotations x (own axes) make, to rotations.
 

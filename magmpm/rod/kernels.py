@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, compiled_elsewhere
+from magmpm.compiled.jit import compiled, compiled_elsewhere, inner
 
 MAX_STEPS = 200
 LARGEST_TURN = 0.6  # rad: largest turn of a frame in one Newton step
@@ -26,7 +26,7 @@ class LoadedRod(NamedTuple):
     weight: Array
 
 
-@compiled
+@inner
 def matrix(q, R):
     """Write the rotation matrix of a unit quaternion to R (3, 3)."""
     w = q[0]
@@ -38,7 +38,7 @@ def matrix(q, R):
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
 
 
-@compiled
+@inner
 def _relative(a, b, z):
     """z = conj(a) b, with z[0] >= 0."""
     z[0] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
@@ -70,7 +70,7 @@ def _turn(q, d, out):
         out[i] /= size
 
 
-@compiled
+@inner
 def _to_frame(R, v, out):
     """out = R^T v."""
     for i in range(3):
@@ -102,7 +102,7 @@ def _energy(q, rod):
     return total
 
 
-@compiled
+@inner
 def _add_potential(h, b, w, m, c, g, H):
     """Add gradient and Hessian, times h, of a frame's potential. b, w: field and weight in the frame; m: moment; c: compliance."""
     f = np.empty(3)
@@ -139,7 +139,7 @@ def _add_potential(h, b, w, m, c, g, H):
     H[2, 1] += h * c[0] * f[1] * f[2]
 
 
-@compiled
+@inner
 def _add_bending(e, q, rod, z, work, g, Hd, Ho):
     """Add gradient and Hessian of an element's bending and twist energy with respect to the rotations of its two frames."""
     _relative(q[e], q[e + 1], z)
@@ -206,7 +206,7 @@ def derivatives(q, rod, g, Hd, Ho):
             _add_potential(half, b, w, rod.moment[e], rod.compliance[e], g[k], Hd[k])
 
 
-@compiled
+@inner
 def _cholesky3(A):
     """Cholesky of a 3 x 3 block in place (lower). Returns False where it is not positive definite."""
     for j in range(3):
@@ -224,7 +224,7 @@ def _cholesky3(A):
     return True
 
 
-@compiled
+@inner
 def factor(Hd, Ho, shift, Ld, Lo):
     """Block Cholesky of the Hessian of frames 1 .. n plus shift: Ld (n + 1, 3, 3) lower, Lo (n, 3, 3). False: not positive definite."""
     n = len(Ho)
@@ -249,7 +249,7 @@ def factor(Hd, Ho, shift, Ld, Lo):
     return True
 
 
-@compiled
+@inner
 def solve(Ld, Lo, x):
     """x (n + 1, 3) in place: right-hand side -> solution; frame 0 stays at rest."""
     n = len(Lo)
@@ -274,7 +274,7 @@ def solve(Ld, Lo, x):
             x[k, i] = s / Ld[k, i, i]
 
 
-@compiled
+@inner
 def _dot(a, b):
     """Sum of the products of two (n, 3) arrays. (Array expressions would take seconds to compile.)"""
     total = 0.0
@@ -283,7 +283,7 @@ def _dot(a, b):
     return total
 
 
-@compiled
+@inner
 def _scaled(a, factor, out):
     """out = factor a, (n, 3)."""
     for k in range(len(a)):
@@ -291,7 +291,7 @@ def _scaled(a, factor, out):
             out[k, i] = factor * a[k, i]
 
 
-@compiled
+@inner
 def _copy(a, out):
     """out = a, quaternions (n, 4)."""
     for k in range(len(a)):
@@ -299,7 +299,7 @@ def _copy(a, out):
             out[k, i] = a[k, i]
 
 
-@compiled
+@inner
 def _softest(Ld, Lo, d):
     """Direction (n + 1, 3) of least curvature, by inverse iteration from a fixed vector, so the result is always the same."""
     for k in range(len(d)):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.by_address import addresses, call
-from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.jit import inner, kernel, prange
 from magmpm.compiled.kept_memory import empty
 
 Single = NDArray[np.float32]
@@ -86,7 +86,7 @@ def fix(panels: Array, split: int, fixed: Mask) -> None:
         panels[j, at[j], at[j]] = largest
 
 
-@compiled
+@inner
 def _signs(panels):
     """1 and -1, in the precision of the panels."""
     work = np.ones(2, panels.dtype)
@@ -94,7 +94,7 @@ def _signs(panels):
     return work
 
 
-@compiled
+@inner
 def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
     """Factor panel j in place and update panels `one` and `two` (its next two planes; negative: none). Returns LAPACK's info."""
     potrf = fortran[0]
@@ -177,7 +177,7 @@ def _factor(panels, split, fortran):
     return -1
 
 
-@compiled
+@inner
 def _words(panels, x):
     """Arguments of BLAS: sizes, letters and signs."""
     # L T N
@@ -186,7 +186,7 @@ def _words(panels, x):
     return sizes, letters, _signs(panels)
 
 
-@compiled
+@inner
 def _reduce(panels, x, j, one, two, back, fortran, words):
     """One step of the substitution with panel j, forward or back: x (planes, columns, m) in place."""
     sizes, letters, work = words
@@ -232,7 +232,7 @@ def _reduce(panels, x, j, one, two, back, fortran, words):
             )  # the first L: from the left
 
 
-@compiled
+@inner
 def _reduce_half(panels, x, half, back, split, fortran):
     """Substitute in one half: from its end to the middle, or back. Rows of x past `planes` are the second half's copy of the middle."""
     planes = panels.shape[0] - 2

@@ -11,12 +11,12 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import addresses, call
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.statics.elimination import Fronts
 
 
-@compiled
+@inner
 def _add_own(front, fronts, blocks, values, n):
     """Add the matrix's blocks of a front's own nodes to its columns."""
     size = blocks.shape[1]
@@ -31,7 +31,7 @@ def _add_own(front, fronts, blocks, values, n):
                     values[column + c] += blocks[block, r, c]
 
 
-@compiled
+@inner
 def _add_passed(child, front, fronts, below, out, boundary, size):
     """Add what a child passes on to its parent's own columns in the factors, or to those of its boundary in the room of its depth.
 
@@ -67,7 +67,7 @@ def _add_passed(child, front, fronts, below, out, boundary, size):
                 r = end
 
 
-@compiled
+@inner
 def _eliminate(front, fronts, blocks, values, rooms, fortran):
     """Fill a front, and eliminate its own unknowns. Returns LAPACK's info: 0 if they were positive definite."""
     size = blocks.shape[1]
@@ -114,7 +114,7 @@ def _eliminate(front, fronts, blocks, values, rooms, fortran):
     return 0
 
 
-@compiled
+@inner
 def _eliminate_task(part, arguments):
     """Eliminate the fronts of a stage's task, until one is not positive definite. first: the stage's first task."""
     fronts, blocks, values, rooms, fortran, failed, first = arguments
@@ -140,7 +140,7 @@ def _factor(fronts, blocks, values, rooms, fortran):
     return -1
 
 
-@compiled
+@inner
 def _substitute(front, fronts, values, x, aside, back, fortran):
     """One step of the substitution: x (columns, size nodes) in place.
 
@@ -223,7 +223,7 @@ def _substitute(front, fronts, values, x, aside, back, fortran):
                     x[column, size * node + i] = value
 
 
-@compiled
+@inner
 def _substitute_task(part, arguments):
     """Substitute in the fronts of a task of the first stage."""
     fronts, values, x, aside, back, fortran = arguments
