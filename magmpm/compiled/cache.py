@@ -20,11 +20,15 @@ from typing import Any
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
+from numba.core.codegen import JITCodeLibrary
+from numba.core.environment import lookup_environment
+from numba.core.registry import cpu_target
 
 from magmpm.compiled.environment import PACKAGE, cache_folder, source_hash
 from magmpm.compiled.process import started
 
 _DIGEST = 32  # bytes
+_ENVIRONMENT = "_ZN08NumbaEnv"  # how the names of Numba's environments begin
 _noted: set[str] = set()
 _compiles_here = False
 
@@ -91,6 +95,7 @@ def compile_here() -> None:
     global _compiles_here
     _compiles_here = True
     gc.disable()
+    _write_late()
 
 
 def _compile_one(about: tuple[str, str, Any]) -> None:
@@ -111,9 +116,67 @@ def _begin(_: object) -> Callable[[tuple[Callable[..., None], Any]], None]:
     return lambda job: job[0](job[1])
 
 
+def load_first(context: Any, load: Callable[[], Any]) -> None:
+    """Have this called, in every process, before the function that is being compiled is loaded from the disk."""
+    context.active_code_library._reload_init.add(load)
+
+
 def kept_all() -> bool:
     """True if the disk has saved everything that this process compiled."""
     return not any("not kept" in line for line in _noted)
+
+
+def _write_late() -> None:
+    """Write machine code late, in this process."""
+    codegen = cpu_target.target_context.codegen()
+    set_env = codegen.set_env
+
+    def set_known(name: str, environment: Any) -> None:
+        if codegen._engine.is_symbol_defined(name):
+            set_env(name, environment)
+
+    codegen._library_class = _LateLibrary
+    codegen.set_env = set_known
+
+
+class _LateLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """A function's code with that of what it calls, of which machine code is written when its address is asked for.
+
+    Most compiled functions are only linked into others, as LLVM's code. Numba writes machine code for each of them too: a sixth of the time
+    to compile. What is never written is kept on the disk as LLVM's code.
+    """
+
+    _written = False
+
+    def _finalize_final_module(self) -> None:
+        if self._object_caching_enabled and self._compiled_object:  # it comes from the disk
+            self._write()
+            return
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def _write(self) -> None:
+        self._written = True
+        super()._finalize_final_module()
+        for variable in self._final_module.global_variables:
+            if variable.name.startswith(_ENVIRONMENT):
+                environment = lookup_environment(variable.name)
+                if environment is not None:
+                    self._codegen.set_env(variable.name, environment)
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Address of a function, 0 if there is none of this name."""
+        self._ensure_finalized()
+        if not self._written and any(one.name == name for one in self.get_defined_functions()):
+            self._write()
+        return int(super().get_pointer_to_function(name))
+
+    def serialize_using_object_code(self) -> Any:
+        """What is kept on the disk."""
+        if self._written:
+            return super().serialize_using_object_code()
+        return self.serialize_using_bitcode()
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]

@@ -169,9 +169,7 @@ class TotalMotion:
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s). Returns the steps taken, and whether it stopped because some det F is 0, negative or NaN."""
-        meeting = () if self.contact is None else self.contact.meeting
-        state = State(self.u, self.v, self.force, self.stiffness, self.touching, self.memory)
-        body = self._body(meeting)
+        body, state = self._now()
         taken, _ = self.threads.run(
             lambda: (self._advance(steps, dt, effects, body, state, self.watch, self.slabs), False)
         )
@@ -180,6 +178,17 @@ class TotalMotion:
         self._last = at_step(effects, taken)
         self.lag = dt / 2 if taken else self.lag
         return taken, bool(self.watch[WHY] == BROKEN)
+
+    def tasks(self, effects: tuple[Any, ...]) -> dict[str, list[tuple[Any, Any]]]:
+        """What `advance` does in parallel: functions and their arguments, in parts to be compiled beside each other."""
+        body, state = self._now()
+        return total_lagrangian_step.tasks(*body, state, in_motion(effects), self.slabs)
+
+    def _now(self) -> tuple[tuple[Any, ...], State]:
+        """The body in motion and its state, as the compiled step takes them."""
+        meeting = () if self.contact is None else self.contact.meeting
+        state = State(self.u, self.v, self.force, self.stiffness, self.touching, self.memory)
+        return self._body(meeting), state
 
     def _advance(
         self,

@@ -10,13 +10,13 @@ each axis by node; per_particle (groups 8,), remanence (groups 3 8,).
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, inner
-from magmpm.compiled.parallel import over_parts, over_slabs, parts_of, task
+from magmpm.compiled.parallel import once, over_parts, over_slabs, parts_of, task
 from magmpm.compiled.simd import (
     WIDTH,
     flag_unless_positive,
@@ -29,7 +29,7 @@ from magmpm.compiled.simd import (
     sums,
     total,
 )
-from magmpm.effects.calls import call_each
+from magmpm.effects.calls import MotionCalls, call_each
 from magmpm.kernels.body_contact import (
     add_pairs,
     needs_list,
@@ -478,6 +478,21 @@ def _most_groups(cells):
     return most
 
 
+@inner
+def _rub(_, given):
+    """Give the impulses of friction to the correction's loads: there and back through the points, which takes energy, however stiff the
+    body. rubs (slabs,): above 0 where points of a slab are pushed."""
+    push, cells, nodes, correction, surface, meeting, state, rubs = given
+    begin_impulses(correction)
+    rubbing = rubbing_patches(surface, cells, nodes, correction, state, rubs)
+    inverse_mass = nodes.inverse_mass
+    rub(push, rubbing, cells, inverse_mass, correction, state, 0)
+    rub_pairs(push, meeting, surface, cells, nodes, correction, state, 0)
+    rub_pairs(push, meeting, surface, cells, nodes, correction, state, 1)
+    rub(push, rubbing, cells, inverse_mass, correction, state, 1)
+    spread_loads(correction)
+
+
 @compiled
 def advance(
     steps,
@@ -519,15 +534,7 @@ def advance(
         moving = (nodes, correction, meeting, state, calls, pace)
         if slabs.rubs.max() + pairs > 0.0:
             over_parts(parts, task(push_nodes, (step, dt, push, nodes, correction, state, calls)))
-            begin_impulses(correction)
-            rubbing = rubbing_patches(surface, cells, nodes, correction, state, slabs.rubs)
-            inverse_mass = nodes.inverse_mass
-            # there and back: so it takes energy, however stiff the body
-            rub(push, rubbing, cells, inverse_mass, correction, state, 0)
-            rub_pairs(push, meeting, surface, cells, nodes, correction, state, 0)
-            rub_pairs(push, meeting, surface, cells, nodes, correction, state, 1)
-            rub(push, rubbing, cells, inverse_mass, correction, state, 1)
-            spread_loads(correction)
+            once(task(_rub, (push, cells, nodes, correction, surface, meeting, state, slabs.rubs)))
             over_parts(parts, task(move_nodes, (step, dt, push, *moving)))
         else:
             over_parts(parts, task(update_grid, (step, dt, push, *moving)))
@@ -536,6 +543,34 @@ def advance(
         if len(calls.contact) > 0:
             state.touching[-1] += way
     return steps
+
+
+def tasks(
+    cells: CellSlabs,
+    particles: ParticleGroups,
+    nodes: Nodes,
+    correction: Any,
+    surface: Any,
+    meeting: Any,
+    state: State,
+    calls: MotionCalls,
+    slabs: Any,
+) -> dict[str, list[tuple[Any, Any]]]:
+    """The tasks of `advance` with arguments as it makes them, in parts that take about as long to compile."""
+    now = (0, 0.0, 0.0)
+    moving = (nodes, correction, meeting, state, calls, np.zeros(1))
+    body = (cells, particles, surface, meeting, state, calls, slabs)
+    rubbing = (0.0, cells, nodes, correction, surface, meeting, state, slabs.rubs)
+    return {
+        "forces": [(_forces_of_slab, (*now, 0, *body))],
+        "friction": [(_rub, rubbing)],
+        "nodes": [
+            (carry, (surface.wetted, nodes, state)),
+            (push_nodes, (*now, nodes, correction, state, calls)),
+            (move_nodes, (*now, *moving)),
+            (update_grid, (*now, *moving)),
+        ],
+    }
 
 
 class ParticleMotion(NamedTuple):

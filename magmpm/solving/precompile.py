@@ -30,6 +30,7 @@ from filelock import lock_descriptor
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.cache import compile_here, kept_all
 from magmpm.compiled.environment import cache_folder, source_hash
+from magmpm.compiled.parallel import compile_task
 from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
 from magmpm.effects.calls import (
@@ -262,13 +263,18 @@ def _other(stream: TextIO) -> str:
 def _compiled_elsewhere(small: Scene, jobs: Sequence[str | Function], tell: Tell) -> bool:
     """Fill the disk cache from separate processes. Returns False if that failed (the kernels are then compiled here)."""
     uses = [use for use in jobs if isinstance(use, str)]
-    todo: list[str | Function] = [part for use in uses for part in parts_of(small, use)]
-    todo += [function for function in jobs if not isinstance(function, str)]
-    with started(min(len(todo), os.cpu_count() or 1), _begin, small.to_si()) as processes:
-        for done, (_, _, kept) in enumerate(answers(iter(todo), processes), start=1):
-            if kept is not True:  # a full disk, say: the rest would not be kept either
-                return False
-            tell(f"{done} of {len(todo)} parts compiled")
+    parts: list[str | Function] = [part for use in uses for part in parts_of(small, use)]
+    parts += [function for function in jobs if not isinstance(function, str)]
+    later = [part for part in parts if part in _LATER]
+    sooner = [part for part in parts if part not in _LATER]
+    done = 0
+    with started(min(len(parts), os.cpu_count() or 1), _begin, small.to_si()) as processes:
+        for some in (sooner, later):
+            for _, _, kept in answers(iter(some), processes):
+                if kept is not True:  # a full disk, say: the rest would not be kept either
+                    return False
+                done += 1
+                tell(f"{done} of {len(parts)} parts compiled")
         for process in processes[1:]:
             process.end()
         try:
@@ -285,7 +291,7 @@ def _compiled_elsewhere(small: Scene, jobs: Sequence[str | Function], tell: Tell
 
 
 def parts_of(small: Scene, use: str = SOLVE) -> list[str]:
-    """Names of a scene's parts, longest first."""
+    """Names of a scene's parts, longest first among those that are begun together."""
     if use != SOLVE:
         return list(_ADDED[use])
     if small.solver.dynamic is None:
@@ -356,14 +362,19 @@ def _built(small: Scene) -> Model:
     )
 
 
-def _tangent(small: Scene) -> None:
+def _at_rest(small: Scene) -> tuple[Energy, Point]:
+    """The energy of a body, and its undeformed state."""
     energy = Energy(arranged(static_model(_built(small)))[0])
     model = energy.model
     n = len(energy.model.shear)
     rest = np.broadcast_to(model.axes, (n, 3, 3)).copy()
-    energy.tangent(
-        Point(straight(model), np.zeros((n, 3)), model.particles.position, rest, 0.0, 1.0, 1.0)
-    )
+    place = model.particles.position
+    return energy, Point(straight(model), np.zeros((n, 3)), place, rest, 0.0, 1.0, 1.0)
+
+
+def _tangent(small: Scene) -> None:
+    energy, point = _at_rest(small)
+    energy.tangent(point)
 
 
 def _energy(small: Scene) -> None:
@@ -409,11 +420,8 @@ def _solved(matrix: Any, layout: UnknownsLayout) -> None:
 
 
 def _stability(small: Scene) -> None:
-    energy = Energy(arranged(static_model(_built(small)))[0])
-    energy.products(
-        energy.at(straight(energy.model)),
-        mass(energy, np.zeros((energy.shape[0], 1, energy.shape[1]))),
-    )
+    energy, point = _at_rest(small)
+    energy.products(point, mass(energy, np.zeros((energy.shape[0], 1, energy.shape[1]))))
 
 
 def _changes(small: Scene) -> None:
@@ -431,19 +439,30 @@ def _rods(small: Scene) -> None:
     family.stability(family.straight(1)[0], each[:1], at[0])
 
 
+def _tasks(name: str) -> Callable[[Scene], None]:
+    """Compile a part of the tasks of a step."""
+
+    def compile_tasks(small: Scene) -> None:
+        motion, acting = _in_motion(small)
+        for function, arguments in motion.tasks(acting)[name]:
+            compile_task(function, arguments)
+
+    return compile_tasks
+
+
 def _steps(small: Scene) -> None:
+    motion, acting = _in_motion(small)
+    motion.advance(1, 1e-12, acting)
+    motion.shape(motion.u)
+
+
+def _in_motion(small: Scene) -> tuple[Any, tuple[Any, ...]]:
+    """A motion, and the records of what acts."""
     from magmpm.dynamics.total_lagrangian import TotalMotion
 
     model = build(small)
     motion = TotalMotion(model)
-    motion.advance(1, 1e-12, (*model.effects, *motion.ends.records(np.zeros(1), 1e-12)))
-
-
-def _rest(small: Scene) -> None:
-    from magmpm.dynamics.step_control import body_step
-    from magmpm.dynamics.total_lagrangian import TotalMotion
-
-    body_step(TotalMotion(build(small)))
+    return motion, (*model.effects, *motion.ends.records(np.zeros(1), 1e-12))
 
 
 def _measured(small: Scene) -> None:
@@ -469,11 +488,15 @@ _STATIC: dict[str, Callable[[Scene], None]] = {
     "energy": _energy,
 }
 _MOTION: dict[str, Callable[[Scene], None]] = {
-    "steps": _steps,
-    "rest": _rest,
-    "measured": _measured,
+    "forces": _tasks("forces"),
+    "friction": _tasks("friction"),
+    "nodes": _tasks("nodes"),
     "rod": _rod,
+    "steps": _steps,
+    "measured": _measured,
 }
+# parts that call what others compile, or are short enough to fill the time beside these
+_LATER = ("steps", "measured")
 _ADDED: dict[str, dict[str, Callable[[Scene], None]]] = {
     DERIVATIVES: {"changes": _changes},
     RODS: {"family": _rods},

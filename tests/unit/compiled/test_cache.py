@@ -22,7 +22,12 @@ MODULE = (
 )
 LINKED = f"""import sys
 import numpy as np
-from magmpm.compiled.jit import compiled, kernel
+from magmpm.compiled.cache import compile_here
+from magmpm.compiled.jit import compiled, inner, kernel
+from magmpm.compiled.parallel import over_parts, task
+if "late" in sys.argv:
+    compile_here()
+    sys.argv.remove("late")
 @compiled
 def one(record):
     found = 0.0
@@ -37,6 +42,13 @@ def parallel(x):
 @compiled
 def caller(x):
     return 2.0 * parallel(x)
+@inner
+def doubled(k, given):
+    given[0][k] *= 2.0
+@compiled
+def tasked(x):
+    over_parts(len(x), task(doubled, (x,)))
+    return x.sum()
 for name in sys.argv[1:]:
     print(globals()[name](np.ones(9)) if name in globals() else total(np.array([(1.0, 2.0)], [(at, "f8") for at in name])), end=" ")
 """
@@ -187,3 +199,18 @@ def test_what_calls_a_loaded_parallel_kernel_starts_threads(tmp_path: Path) -> N
         "36.0 ",
         "36.0 ",
     ]
+
+
+@pytest.mark.parametrize("how", ["", "late "])
+def test_the_function_of_a_task_is_found_by_its_symbol(how: str, tmp_path: Path) -> None:
+    """In the process that compiles it, and in one that loads its caller alone: the function must be loaded before."""
+    assert [linked(tmp_path, f"{how}tasked"), linked(tmp_path, "tasked")] == ["18.0 ", "18.0 "]
+    files = [path.name for path in tmp_path.rglob("*.nbc")]
+    assert sum("doubled" in name for name in files) == 1, "it is compiled for itself, once"
+
+
+def test_code_that_is_written_late_is_the_same(tmp_path: Path) -> None:
+    """A process that compiles for others writes machine code for what is called alone; what it keeps of the rest is linked by others."""
+    here = linked(tmp_path, "late xy caller")
+    assert here == linked(tmp_path, "xy caller")
+    assert linked(tmp_path, "yx") == linked(tmp_path, "late yx")

@@ -12,6 +12,7 @@ import pytest
 from reference.scenes import rod_scene
 
 from magmpm.compiled.cache import _SealedFiles
+from magmpm.compiled.parallel import compile_task
 from magmpm.scene import Scene, time_limit
 from magmpm.scene.coarsest import FAINT, coarsest, coarsest_cells
 from magmpm.simulate import run
@@ -221,6 +222,19 @@ def test_a_run_compiles_nothing_itself(solver: str, more: list[str], tmp_path: P
     command = [sys.executable, "-c", RUN, str(scene), str(tmp_path / "out"), *more]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
+
+
+def test_tasks_are_compiled_for_the_arguments_that_a_step_makes() -> None:
+    """Each once: for others, however alike, the step would compile it again."""
+    scene = rod_scene(field=(0.0, 0.0, 5e-3), solver={"dynamic": {"duration": 1e-4}})
+    motion, acting = warmup._in_motion(coarsest(scene))
+    tasks = [one for part in motion.tasks(acting).values() for one in part]
+    for function, arguments in tasks:
+        compile_task(function, arguments)
+    known = {function: set(function.overloads) for function, _ in tasks}
+    motion.advance(1, 1e-12, acting)
+    assert {function: set(function.overloads) for function in known} == known
+    assert len(known) == 6
 
 
 FIELD = """
