@@ -13,7 +13,7 @@ import numpy as np
 
 from magmpm.bodies.curves import face_normals
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, compiled_elsewhere, inner
+from magmpm.compiled.jit import compiled, compiled_elsewhere, inner, task_body
 from magmpm.compiled.parallel import TOGETHER, over_parts, parts_of, task
 
 MOST_POINTS = 4_000_000  # 32 MB
@@ -178,7 +178,7 @@ def faces_of(corners: Array) -> Array:
     )
 
 
-@inner
+@task_body
 def _part_to_triangles(part, given):
     """`to_triangles` of one part of the points."""
     points, corners, found = given

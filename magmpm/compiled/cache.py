@@ -33,17 +33,18 @@ _noted: set[str] = set()
 _compiles_here = False
 
 
-def jit(*, elsewhere: bool = False, **options: Any) -> Callable[..., Any]:
+def jit(*, elsewhere: bool = False, written: bool = False, **options: Any) -> Callable[..., Any]:
     """numba.njit with this cache, as a decorator; options: of njit.
 
-    elsewhere: for functions called before a run's kernels are compiled (magmpm.solving.precompile says why not in this process).
+    elsewhere: for functions called before a run's kernels are compiled (magmpm.solving.precompile says why not in this process);
+    written: for those that are found by their address, of which machine code is kept.
     """
     compiles = numba.njit(**options)
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = compiles(function)
         try:
-            dispatcher._cache = KernelCache(function)
+            dispatcher._cache = KernelCache(function, written)
         except RuntimeError:  # raised by Numba if no folder can be written
             _tell("no folder can be written", "is not kept")
             return dispatcher
@@ -182,8 +183,9 @@ class _LateLibrary(JITCodeLibrary):  # type: ignore[misc]
 class KernelCache(FunctionCache):  # type: ignore[misc]
     """The cache of one function."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], written: bool = False) -> None:
         super().__init__(function)
+        self._written = written
         stamp = [source_hash(), self._cache_file._source_stamp]
         place = Path(inspect.getfile(function)).parent
         if place.is_relative_to(PACKAGE):
@@ -197,6 +199,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save a compiled function, if the disk accepts it."""
+        if self._written:
+            data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
         try:
             super().save_overload(sig, data)
         except OSError as error:

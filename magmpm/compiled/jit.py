@@ -50,6 +50,8 @@ compiled: Callable[..., Any] = jit(**_ALL)
 compiled_elsewhere: Callable[..., Any] = jit(elsewhere=True, **_ALL)
 # What only compiled code calls: to be called from Python as well takes a tenth of compiling.
 inner: Callable[..., Any] = jit(no_cpython_wrapper=True, **_ALL)
+# What `compiled.parallel.task` takes: to be found by a symbol, it must be machine code on the disk.
+task_body: Callable[..., Any] = jit(written=True, no_cpython_wrapper=True, **_ALL)
 inner_kernel: Callable[..., Any] = jit(parallel=True, no_cpython_wrapper=True, **_ALL)
 # For functions that inner loops call with many arrays. Without it, a call passes seven words for each array, some hundred instructions.
 inlined: Callable[..., Any] = jit(forceinline=True, **_ALL)
@@ -98,4 +100,5 @@ __all__ = [
     "kernel",
     "only_where",
     "prange",
+    "task_body",
 ]

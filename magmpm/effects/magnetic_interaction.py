@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.jit import compiled, inlined, inner, task_body
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.effects.base import (
     BodyChange,
@@ -254,7 +254,7 @@ def _radial_change(r, d):
     return most * (30.0 * q - 35.0) / d, most * 35.0 / (d * r * r)
 
 
-@inner
+@task_body
 def _act_on_one(a, given):
     """`_act` on one dipole."""
     places, moments, edges, of, field, force = given
@@ -301,7 +301,7 @@ def _act(places, moments, edges, of, field, force):
     over_parts(len(places), task(_act_on_one, (places, moments, edges, of, field, force)))
 
 
-@inner
+@task_body
 def _act_change_of_one(a, given):
     """`_act_change` of one dipole."""
     places, moments, edges, of, dplaces, dmoments, dfield, dforce = given

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.jit import compiled, inner, task_body
 from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
 from magmpm.effects.calls import (
     add_curvatures,
@@ -36,7 +36,7 @@ from magmpm.materials import cofactor, determinant, stress, tangent, volume_pres
 ROWS_PER_PARTICLE = 4  # of each particle: three of gradients, one of values
 
 
-@inner
+@task_body
 def _block_of_load_changes(block, given):
     """`load_changes` of some particles."""
     calls, magnet, rho, x, F, dmagnet, drho, P, f = given
@@ -70,7 +70,7 @@ def _changed(given, p, dmagnet, drho):
     at.drho = address(drho, p)
 
 
-@inner
+@task_body
 def _block_of_loads(block, given):
     """`loads` of some particles."""
     calls, magnet, rho, x, F, P, f = given
@@ -86,7 +86,7 @@ def loads(calls, magnet, rho, x, F, P, f):
     over_parts(parts_of(len(x)), task(_block_of_loads, (calls, magnet, rho, x, F, P, f)))
 
 
-@inner
+@task_body
 def _block_of_potentials(block, given):
     """`potentials` of some particles."""
     calls, magnet, rho, x, F, W = given
@@ -102,7 +102,7 @@ def potentials(calls, magnet, rho, x, F, W):
     over_parts(parts_of(len(x)), task(_block_of_potentials, (calls, magnet, rho, x, F, W)))
 
 
-@inner
+@task_body
 def _stress_per_shear_of_cell(cell, given):
     """`stress_per_shear` of one cell."""
     cells, particles, F, P = given
@@ -187,7 +187,7 @@ def _to_nodes(count, fortran, room):
     multiply(ROWS_PER_PARTICLE * count, fortran, room, 1, 1, 2, room.T, 0, room.G, 1, room.C)
 
 
-@inner
+@task_body
 def _slots_of_slab(slab, given):
     """`scatter` of one slab."""
     cells, particles, column, P, f, fortran, out = given
@@ -248,7 +248,7 @@ def _scatter_column(plane, rows, r, slot, column, out):
                     ]
 
 
-@inner
+@task_body
 def _products_of_slab(slab, given):
     """`tangent_products` of one slab."""
     cells, particles, calls, x, F, fortran, count, columns, stiff, heavy = given

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import call
-from magmpm.compiled.jit import chosen_by_types, compiled, inner
+from magmpm.compiled.jit import chosen_by_types, compiled, inner, task_body
 from magmpm.compiled.parallel import over_parts, over_slabs, task
 from magmpm.effects.calls import (
     add_curvatures,
@@ -89,7 +89,7 @@ def _volume_change(J, p, modes, c):
     return projected
 
 
-@inner
+@task_body
 def _energy_of_cell(cell, given):
     """`cell_energy` of one cell."""
     cells, particles, calls, x, F, energy, low, high = given
@@ -199,7 +199,7 @@ def _elastic(first, last, particles, F, cof, c, P):
         stress(F[p], cof, J, particles.shear[p], pressure, P[p - first])
 
 
-@inner
+@task_body
 def _slab_to_grid(slab, given):
     """`particles_to_grid` of one slab."""
     cells, particles, calls, x, F, residual = given
@@ -482,7 +482,7 @@ scatter_matrix = chosen_by_types(
 )  # adds the tangent of a cell to a matrix of either kind
 
 
-@inner
+@task_body
 def _slab_to_grid_with_tangent(slab, given):
     """`particles_to_grid_with_tangent` of one slab."""
     cells, particles, calls, x, F, matrix, fortran, residual = given
@@ -507,7 +507,7 @@ def particles_to_grid_with_tangent(cells, particles, calls, x, F, matrix, fortra
     )
 
 
-@inner
+@task_body
 def _gradients_of_slab(slab, given):
     """Scatter the products of one slab's gradients to the matrix: a thread's share of `gradient_products`."""
     cells, particles, weight, matrix = given
@@ -538,7 +538,7 @@ def gradient_products(cells, particles, weight, matrix):
     )
 
 
-@inner
+@task_body
 def _stresses_of_slab(slab, given):
     """Scatter the stresses of one slab's particles to the residual: a thread's share of `add_stresses`."""
     cells, particles, P, residual = given
@@ -565,7 +565,7 @@ def _at_rest(rest, p, k, j):
     return rest[k, j] if rest.ndim == 2 else rest[p, k, j]
 
 
-@inner
+@task_body
 def _cell_to_particles(cell, given):
     """`grid_to_particles` of one cell."""
     cells, particles, grid, rest, displacement, F = given

@@ -11,7 +11,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import inner
+from magmpm.compiled.jit import inner, task_body
 from magmpm.compiled.parallel import TOGETHER
 from magmpm.effects.calls import call_each, given_for
 from magmpm.kernels.impulses import SPLINES, add_force, sum_at
@@ -98,7 +98,7 @@ def immerse(slab, step, dt, pieces, cells, state, calls):
         add_force(*on, cells.along_x, cells.along_y, force, state.force)
 
 
-@inner
+@task_body
 def carry(part, given):
     """Let the forces on some active nodes accelerate the fluid that they carry along as well."""
     pieces, nodes, state = given

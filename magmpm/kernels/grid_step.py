@@ -6,7 +6,7 @@ State and Nodes: kernels.total_lagrangian_step.
 import numpy as np
 
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import inlined, inner
+from magmpm.compiled.jit import inlined, inner, task_body
 from magmpm.compiled.parallel import TOGETHER
 from magmpm.effects.calls import call_each, given_for
 from magmpm.kernels.body_contact import pace_of
@@ -61,7 +61,7 @@ def push_time(calls, step, dt):
     return time[0]
 
 
-@inner
+@task_body
 def update_grid(part, given):
     """Update some active nodes, and write to pace (parts,) the square of a bound on how fast (m/s) they let a point of the body move."""
     step, dt, push, nodes, correction, meeting, state, calls, pace = given
@@ -81,7 +81,7 @@ def update_grid(part, given):
     pace[part] = found
 
 
-@inner
+@task_body
 def push_nodes(part, given):
     """Update the velocities of some active nodes, as `update_grid` does."""
     step, dt, push, nodes, correction, state, calls = given
@@ -92,7 +92,7 @@ def push_nodes(part, given):
     change_nodes(calls.node, first, last, step, dt, nodes, state)
 
 
-@inner
+@task_body
 def move_nodes(part, given):
     """Finish `update_grid` of some active nodes after friction, with the correction of the mass for its forces.
 

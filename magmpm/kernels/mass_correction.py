@@ -10,7 +10,7 @@ too much, up to twice, and what sticks vibrates without end. They take C^-1 - L^
 from typing import NamedTuple
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.jit import compiled, inlined, inner, task_body
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.compiled.simd import eight, load, one_by_one, splat, store
 
@@ -54,7 +54,7 @@ class Correction(NamedTuple):
     answer: Array
 
 
-@inner
+@task_body
 def _sum_plane(plane, given):
     """Moments of the nodes' forces in one plane: sums of f, y f and z f."""
     correction, force = given

@@ -15,7 +15,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.jit import compiled, inner, task_body
 from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
 from magmpm.effects.calls import call_each, given_for, points_from, pushes
 from magmpm.effects.contact_force import (
@@ -202,7 +202,7 @@ def rub(push, rubbing, cells, inverse_mass, correction, state, back):
         quicken(places, one, along_x, along_y, push, correction, inverse_mass, f, state.v)
 
 
-@inner
+@task_body
 def _block_at_rest(block, given):
     """`touch_at_rest` of some points."""
     calls, x, mass, energy, f, H = given
@@ -223,7 +223,7 @@ def touch_at_rest(calls, x, mass, energy, f, H):
     over_parts(parts_of(len(x)), task(_block_at_rest, (calls, x, mass, energy, f, H)))
 
 
-@inner
+@task_body
 def _contact_of_slab(slab, given):
     """`contact_to_matrix` of one slab."""
     cells, weights, H, matrix = given

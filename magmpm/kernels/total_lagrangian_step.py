@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.jit import compiled, inlined, inner, task_body
 from magmpm.compiled.parallel import once, over_parts, over_slabs, parts_of, task
 from magmpm.compiled.simd import (
     WIDTH,
@@ -437,7 +437,7 @@ def _together(begun, last, groups, cells):
     return end
 
 
-@inner
+@task_body
 def _forces_of_slab(slab, given):
     """Add to state.force the forces of a slab; most: groups in a cell."""
     step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs = given
@@ -478,8 +478,8 @@ def _most_groups(cells):
     return most
 
 
-@inner
-def _rub(_, given):
+@task_body
+def _rub_all(_, given):
     """Give the impulses of friction to the correction's loads: there and back through the points, which takes energy, however stiff the
     body. rubs (slabs,): above 0 where points of a slab are pushed."""
     push, cells, nodes, correction, surface, meeting, state, rubs = given
@@ -534,7 +534,8 @@ def advance(
         moving = (nodes, correction, meeting, state, calls, pace)
         if slabs.rubs.max() + pairs > 0.0:
             over_parts(parts, task(push_nodes, (step, dt, push, nodes, correction, state, calls)))
-            once(task(_rub, (push, cells, nodes, correction, surface, meeting, state, slabs.rubs)))
+            rubbing = (push, cells, nodes, correction, surface, meeting, state, slabs.rubs)
+            once(task(_rub_all, rubbing))
             over_parts(parts, task(move_nodes, (step, dt, push, *moving)))
         else:
             over_parts(parts, task(update_grid, (step, dt, push, *moving)))
@@ -563,7 +564,7 @@ def tasks(
     rubbing = (0.0, cells, nodes, correction, surface, meeting, state, slabs.rubs)
     return {
         "forces": [(_forces_of_slab, (*now, 0, *body))],
-        "friction": [(_rub, rubbing)],
+        "friction": [(_rub_all, rubbing)],
         "nodes": [
             (carry, (surface.wetted, nodes, state)),
             (push_nodes, (*now, nodes, correction, state, calls)),
@@ -581,7 +582,7 @@ class ParticleMotion(NamedTuple):
     F: Array
 
 
-@inner
+@task_body
 def _cell_at_particles(cell, given):
     """`at_particles` of one cell."""
     cells, particles, particle, u, v, reference, out = given

@@ -11,7 +11,7 @@ dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 an
 
 import numpy as np
 
-from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.jit import compiled, inner, task_body
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.rod.kernels import (
     LoadedRod,
@@ -318,7 +318,7 @@ def softest(q, rod):
     return value
 
 
-@inner
+@task_body
 def _relax_one(r, given):
     """`relax_all` of one rod."""
     q, rods, parameters, position, slopes, found = given

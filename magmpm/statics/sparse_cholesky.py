@@ -11,7 +11,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import addresses, call
-from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.jit import compiled, inner, task_body
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.statics.elimination import Fronts
 
@@ -114,7 +114,7 @@ def _eliminate(front, fronts, blocks, values, rooms, fortran):
     return 0
 
 
-@inner
+@task_body
 def _eliminate_task(part, arguments):
     """Eliminate the fronts of a stage's task, until one is not positive definite. first: the stage's first task."""
     fronts, blocks, values, rooms, fortran, failed, first = arguments
@@ -223,7 +223,7 @@ def _substitute(front, fronts, values, x, aside, back, fortran):
                     x[column, size * node + i] = value
 
 
-@inner
+@task_body
 def _substitute_task(part, arguments):
     """Substitute in the fronts of a task of the first stage."""
     fronts, values, x, aside, back, fortran = arguments

@@ -23,7 +23,7 @@ MODULE = (
 LINKED = f"""import sys
 import numpy as np
 from magmpm.compiled.cache import compile_here
-from magmpm.compiled.jit import compiled, inner, kernel
+from magmpm.compiled.jit import compiled, kernel, task_body
 from magmpm.compiled.parallel import over_parts, task
 if "late" in sys.argv:
     compile_here()
@@ -42,7 +42,7 @@ def parallel(x):
 @compiled
 def caller(x):
     return 2.0 * parallel(x)
-@inner
+@task_body
 def doubled(k, given):
     given[0][k] *= 2.0
 @compiled

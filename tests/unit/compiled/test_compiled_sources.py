@@ -88,3 +88,16 @@ def test_an_edit_compiles_again_what_it_must(file: str, again: bool, tmp_path: P
     path = copy / file
     path.write_text(path.read_text(encoding="utf-8") + "\n# edited\n", encoding="utf-8")
     assert (hashed(copy) != before) is again
+
+
+def test_functions_of_tasks_are_kept_as_machine_code() -> None:
+    """Kept as LLVM's code, like others that only compiled code calls, they would be written by every process that loads them."""
+    files = [path.read_text(encoding="utf-8") for path in environment.PACKAGE.rglob("*.py")]
+    taken = [name for text in files for name in re.findall(r"\btask\(\s*(\w+)\s*,", text)]
+    marked = {
+        name
+        for text in files
+        for name in re.findall(r"^@task_body\ndef (\w+)\(", text, flags=re.MULTILINE)
+    }
+    assert len(taken) > 25
+    assert set(taken) - {"function"} == marked
