@@ -174,7 +174,7 @@ class _LateLibrary(JITCodeLibrary):  # type: ignore[misc]
         return int(super().get_pointer_to_function(name))
 
     def serialize_using_object_code(self) -> Any:
-        """What is kept on the disk."""
+        """Name, kind and code to be kept on the disk."""
         if self._written:
             return super().serialize_using_object_code()
         return self.serialize_using_bitcode()

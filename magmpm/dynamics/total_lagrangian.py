@@ -180,9 +180,9 @@ class TotalMotion:
         return taken, bool(self.watch[WHY] == BROKEN)
 
     def tasks(self, effects: tuple[Any, ...]) -> dict[str, list[tuple[Any, Any]]]:
-        """What `advance` does in parallel: functions and their arguments, in parts to be compiled beside each other."""
+        """Functions that `advance` calls in parallel, with arguments, in parts to be compiled beside each other."""
         body, state = self._now()
-        return total_lagrangian_step.tasks(*body, state, in_motion(effects), self.slabs)
+        return total_lagrangian_step.tasks(body, state, in_motion(effects), self.slabs)
 
     def _now(self) -> tuple[tuple[Any, ...], State]:
         """The body in motion and its state, as the compiled step takes them."""

@@ -547,23 +547,17 @@ def advance(
 
 
 def tasks(
-    cells: CellSlabs,
-    particles: ParticleGroups,
-    nodes: Nodes,
-    correction: Any,
-    surface: Any,
-    meeting: Any,
-    state: State,
-    calls: MotionCalls,
-    slabs: Any,
+    body: tuple[Any, ...], state: State, calls: MotionCalls, slabs: Any
 ) -> dict[str, list[tuple[Any, Any]]]:
-    """The tasks of `advance` with arguments as it makes them, in parts that take about as long to compile."""
+    """The tasks of `advance` with arguments as it makes them, in parts that are compiled beside each other; body: its records, cells to
+    meeting."""
+    cells, particles, nodes, correction, surface, meeting = body
     now = (0, 0.0, 0.0)
     moving = (nodes, correction, meeting, state, calls, np.zeros(1))
-    body = (cells, particles, surface, meeting, state, calls, slabs)
+    of_slab = (cells, particles, surface, meeting, state, calls, slabs)
     rubbing = (0.0, cells, nodes, correction, surface, meeting, state, slabs.rubs)
     return {
-        "forces": [(_forces_of_slab, (*now, 0, *body))],
+        "forces": [(_forces_of_slab, (*now, 0, *of_slab))],
         "friction": [(_rub_all, rubbing)],
         "nodes": [
             (carry, (surface.wetted, nodes, state)),

@@ -226,7 +226,8 @@ def test_a_run_compiles_nothing_itself(solver: str, more: list[str], tmp_path: P
 
 def test_tasks_are_compiled_for_the_arguments_that_a_step_makes() -> None:
     """Each once: for others, however alike, the step would compile it again."""
-    scene = rod_scene(field=(0.0, 0.0, 5e-3), solver={"dynamic": {"duration": 1e-4}})
+    at_rest = rod_scene(field=(0.0, 0.0, 5e-3)).to_si()
+    scene = Scene.from_si({**at_rest, "solver": {"dynamic": {"duration": 1e-4}}})
     motion, acting = warmup._in_motion(coarsest(scene))
     tasks = [one for part in motion.tasks(acting).values() for one in part]
     for function, arguments in tasks:
