@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
@@ -386,6 +387,10 @@ def _energy(small: Scene) -> None:
             point.touched, energy.matrix.target(energy.model.touching.cells)
         )
     strain_of(energy.model, point.position, point.F)
+    of_each = np.tile(np.eye(3), (len(energy.model.shear), 1, 1))
+    for axes in (of_each[0], of_each):  # of all particles alike, and of a tube, whose grid is round
+        energy.load(replace(energy.model, axes=axes))
+        energy.at(straight(energy.model))
 
 
 def _rod(small: Scene) -> None:
