@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import MagmpmError, RenderError
+from magmpm.errors import PAIR, MagmpmError, RenderError
 from magmpm.fields.magnets import frame_of
-from magmpm.results.motion_tables import PAIR
 from magmpm.scene import Scene
 from magmpm.viz.body import DrawnBody
 from magmpm.viz.camera import Framing, best_direction, extremes
@@ -135,25 +134,31 @@ class MotionRenderer:
         """Points where the surface touches something that pushes it, (c, 3) m, and the forces of it as arrows (f, 2, 3) m."""
         marks = [np.zeros((0, 3))]
         arrows = []
-        for effect, contact in self.motion.contacts.items():
+        names = [region.name for region in self._scene.regions()] if self._scene else []
+        for name, contact in self.motion.contacts.items():
             now = np.flatnonzero(np.isclose(contact["t"], frame.time, rtol=1e-9, atol=1e-15))
-            if (
-                not len(now)
-                or not np.any(_forces(contact)[now[0]])
-                or not (PAIR in effect or effect in self._surfaces)
-            ):
+            if not len(now) or not np.any(_forces(contact)[now[0]]):
                 continue
-            if PAIR in effect:
-                marks.append(np.array([[contact[f"p{axis}"][now[0]] for axis in "xyz"]]))
+            effect, _, part = name.partition(PAIR)
+            if effect in self._surfaces:
+                on = self._surfaces[effect]
+                some = frame.position[self.motion.part == names.index(part)] if part else points
+                height = on.height(some)
+                near = max(0.75 * self.body.size, float(np.nanmin(height)) + 1e-9)
+                place = _spread(on.dropped(some[height < near]), self.body.size)
+            elif part:
+                place = np.array([[contact[f"p{axis}"][now[0]] for axis in "xyz"]])
             else:
-                height = self._surfaces[effect].height(points)
-                touching = points[
-                    height < max(0.75 * self.body.size, float(np.nanmin(height)) + 1e-9)
-                ]
-                marks.append(_spread(self._surfaces[effect].dropped(touching), self.body.size))
+                continue
+            if not part or effect not in self._surfaces:
+                marks.append(place)
+            if not part and any(
+                other.startswith(f"{effect}{PAIR}") for other in self.motion.contacts
+            ):
+                continue  # its parts have arrows of their own
             force = _forces(contact)[now[0]] / self._usual_force
             vector = 0.25 * self.body.length * force * min(1.0, 2.0 / float(np.linalg.norm(force)))
-            arrows.append(np.stack([marks[-1].mean(axis=0), vector]))
+            arrows.append(np.stack([place.mean(axis=0), vector]))
         return np.vstack(marks), np.array(arrows).reshape(-1, 2, 3)
 
     def _traced(self) -> np.ndarray:

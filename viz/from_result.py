@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -81,8 +82,19 @@ def _one_frame(result: Any) -> _OneFrame:
         remanence=remanence,
         times=np.array([time]),
         fields=field[None],
-        contacts={},
+        contacts={name: _row(time, one) for name, one in result.contacts.items()},
     )
+
+
+def _row(time: float, contact: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """A contact of a result as columns (1,) of contacts.csv."""
+    known = {"F": contact["force"], "p": contact.get("point", (np.nan,) * 3)}
+    columns = {
+        f"{of}{axis}": np.array([each[i]])
+        for of, each in known.items()
+        for i, axis in enumerate("xyz")
+    }
+    return {"t": np.array([time]), **columns}
 
 
 def trial_snapshot(

@@ -322,12 +322,15 @@ def motion(
     title: str = "",
     jumps: Sequence[float] = (),
 ) -> Path:
-    """A motion's energies, and below them contact forces where there are any, against time.
+    """A motion's energies, and below them forces of obstacles and between parts where there are any, against time.
 
     energies: columns of energies.csv, s and J; contacts: effect -> columns of contacts.csv, s and N; jumps: times, s, to be marked.
     """
     touching = {
-        name: c for name, c in contacts.items() if any(np.any(c[f"F{axis}"] != 0) for axis in "xyz")
+        name: c
+        for name, c in contacts.items()
+        if name.partition(": ")[0] in (name, "self_contact")  # parts have shares of an obstacle's
+        if any(np.any(c[f"F{axis}"] != 0) for axis in "xyz")
     }
     rows = 2 if touching else 1
     with rc_context(LOOK):

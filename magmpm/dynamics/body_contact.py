@@ -116,7 +116,7 @@ class BodyContact(SurfacePairs):
         )
 
     def report(self, memory: Array, u: Array, v: Array) -> dict[str, Contact]:
-        """Contact of the body with itself, and of each two components that touch, at displacements u m and velocities v m/s (3 nodes,);
+        """Contact of the body with itself, and of each two parts that touch, at displacements u m and velocities v m/s (3 nodes,);
         memory: of the pairs, at that time. A force acts on the first of two; the force on the whole is zero.
         """
         pair = memory[:-1].reshape(-1, MEMORY)
@@ -132,7 +132,8 @@ class BodyContact(SurfacePairs):
         slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
         depth = pair[:, DEPTH]
         energy = 0.5 * rigidity * depth**2
-        found = self.contacts(point, self.meeting.solid[on], (x, force, normal), depth, energy)
+        there = (self.meeting.solid[on], pair[:, PLACE : PLACE + 3])
+        found = self.contacts(point, there, (x, force, normal), depth, energy)
         speed = np.linalg.norm(slip, axis=1)
         for each, here, weight in found.values():
             if here is not None:

@@ -10,11 +10,10 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects import acting, viscosity
 from magmpm.effects.base import BodyEffect, Contact, Records
 from magmpm.effects.calls import rows
-from magmpm.effects.contact_law import most_friction
+from magmpm.effects.contact_law import most_friction, obstacle_contacts, springs
 from magmpm.effects.hooks import has_hook, pairs
 from magmpm.kernels.changes import loads, potentials
 from magmpm.model import Model
-from magmpm.results.motion_tables import PAIR
 
 
 def volume_change(model: Model, J: Array) -> Array:
@@ -116,17 +115,14 @@ def measure(motion: Any, named: Records, now: Any, time: float) -> MeasuredState
             W, more = viscosity.stored(branches, now.F, motion.remembered(), motion.lag)
             P = P + more
             potentials["viscosity"] = float(W @ model.particles.volume)
-    touching = motion.touching_points()
-    reports = {
-        key: effect.report(model, touching) for key, effect in model.scene.effects.named().items()
-    }
-    contacts = {
-        key: contact for key, contact in reports.items() if contact is not None
-    } | motion.body_contacts()
-    springs = {key: contact["energy"] for key, contact in contacts.items() if PAIR not in key}
-    return MeasuredState(
-        P, {"kinetic": now.kinetic, "elastic": strain, **potentials, **springs}, contacts
-    )
+    surface = model.surface
+    point = motion.packed.point
+    particle = point if surface is None else surface.particle[point]
+    parts = model.particles.segment[particle]
+    contacts = obstacle_contacts(model, motion.touching_points(), parts)
+    contacts |= motion.body_contacts()
+    stored = {**potentials, **springs(contacts)}
+    return MeasuredState(P, {"kinetic": now.kinetic, "elastic": strain, **stored}, contacts)
 
 
 @compiled

@@ -15,6 +15,7 @@ from magmpm.dynamics import energies
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.path_loads import EquilibriumShape, FeedLoads, FieldLoads
 from magmpm.effects import acting
+from magmpm.effects.contact_law import springs
 from magmpm.errors import SolveError
 from magmpm.results.file_names import JUMPS, STEPS, forget_motion
 from magmpm.results.measures import region_means
@@ -330,7 +331,7 @@ class _Files:
         }
         contacts = {} if shape.touched is None else contacts_at_rest(model, shape.touched)
         contacts |= {} if shape.own is None else shape.own.report()
-        known |= {key: contact["energy"] for key, contact in contacts.items()}
+        known |= springs(contacts)
         field = model.field_at(x, state.time)
         at_rest = np.zeros_like(x)
         self.frames.frame(Instant(state.time, x, at_rest, F, stress, known, contacts, field))

@@ -34,7 +34,8 @@ class SimulationState:
     """The present state of a motion.
 
     stable: bounds of the step at the start; control: control of the step; dt s: last step; every s: time between frames; time s, steps:
-    so far; x m, v m/s (n, 3), F, P Pa (n, 3, 3), energies J: at the last frame.
+    so far; x m, v m/s (n, 3), F, P Pa (n, 3, 3), energies J, contacts: at the last frame; largest: the largest force (N) of each contact in
+    any frame, and its time (s).
     """
 
     motion: TotalMotion
@@ -51,6 +52,7 @@ class SimulationState:
     P: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     energies: dict[str, float] = field(default_factory=dict)
     contacts: dict[str, Any] = field(default_factory=dict)
+    largest: dict[str, tuple[float, float]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     strain: Strain = field(default_factory=Strain)  # the largest of all frames
     balance: watchdog.EnergyBalance = field(default_factory=watchdog.EnergyBalance)
@@ -232,6 +234,7 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
             **own,
             "dt": state.dt,
             "energies": state.energies,
+            "largest": dict(state.largest),
         },
     )
 
@@ -250,6 +253,7 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     state.time = saved.time
     state.dt = known.get("dt", state.dt)
     _measure(state, state.motion.kinematics())
+    state.largest = dict(known.get("largest", {}))
     state.energies = known.get("energies", state.energies)
 
 
@@ -264,6 +268,8 @@ def interval(
     model = state.motion.model
     motion = state.motion
     control = state.control
+    if state.time >= until:
+        return motion.kinematics()
     if motion.own is not None:
         motion.own.begin()
     while state.time < until:
@@ -338,6 +344,10 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
     named = acting.collect(model.scene, times=np.array([state.time]))
     acting.refresh(named, model, now.x, now.F)
     state.P, state.energies, state.contacts = energies.measure(motion, named, now, state.time)
+    for name, contact in state.contacts.items():
+        size = float(np.linalg.norm(contact["force"]))
+        if size > state.largest.get(name, (0.0, 0.0))[0]:
+            state.largest[name] = (size, state.time)
 
 
 def _write(state: SimulationState, writer: MotionWriter | None) -> None:

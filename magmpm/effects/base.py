@@ -85,7 +85,7 @@ class Touching(NamedTuple):
 
 class Contact(TypedDict):
     """Report of contact: force (3,) N on the body, number of points that touch, deepest penetration m (0: none), energy J of the springs
-    that push; of two components also the mean point (3,) m and normal (3,) of their push, and slip, the mean speed along it, m/s.
+    that push; of two parts also the mean point (3,) m and normal (3,) of their push, and slip, the mean speed along it, m/s.
     """
 
     force: Array

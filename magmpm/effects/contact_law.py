@@ -9,9 +9,11 @@ Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Met
 """
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array
@@ -20,7 +22,7 @@ from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, o
 from magmpm.effects.calls import given_for, pushes, rows
 from magmpm.effects.contact_force import GRIP, LEAST_FRICTION, PARTS, RIGIDITY, own_grip
 from magmpm.effects.hooks import NO_DATA
-from magmpm.errors import SceneError, dotted
+from magmpm.errors import PAIR, SceneError, dotted
 
 THROWN = 0.1  # m/s
 # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then
@@ -145,6 +147,30 @@ def contact_of(named: Records, touching: Touching) -> Contact:
     force = np.zeros(3)
     count, _, depth, energy = _touching(rows(named, "contact"), *touching, force)
     return Contact(force=force, count=count, depth=depth, energy=energy)
+
+
+def obstacle_contacts(
+    model: Any, touching: Touching, part: NDArray[np.integer]
+) -> dict[str, Contact]:
+    """Contact with each obstacle that a model's scene names, and of each part or segment that touches it ("ground: foot"); part (n,): of
+    each point."""
+    names = [region.name for region in model.scene.regions()]
+    found = {}
+    for key, effect in model.scene.effects.named().items():
+        whole = effect.report(model, touching)
+        if whole is None:
+            continue
+        found[key] = whole
+        for number in np.unique(part) if whole["count"] else ():
+            one = effect.report(model, Touching(*(each[part == number] for each in touching)))
+            if one["count"]:
+                found[f"{key}{PAIR}{names[number]}"] = one
+    return found
+
+
+def springs(contacts: Mapping[str, Contact]) -> dict[str, float]:
+    """Energy (J) of the springs of each contact of the whole body, of which those of its parts are shares."""
+    return {key: contact["energy"] for key, contact in contacts.items() if PAIR not in key}
 
 
 def at_rest(x: Array, mass: Array | None = None) -> Touching:

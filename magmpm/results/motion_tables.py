@@ -75,9 +75,6 @@ def jump_in_words(jump: Mapping[str, Any]) -> str:
     )
 
 
-PAIR = ": "  # in the name of a contact of two components, which has rows only while they touch
-
-
 class GrowingTable:
     """A CSV file that grows; its first row names the columns. Numbers keep all digits."""
 

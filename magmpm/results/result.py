@@ -242,8 +242,11 @@ class Result:
     resolution : dict[str, Any] or None
         What was chosen for that, and how: see docs/accuracy.md.
     contacts : dict[str, dict[str, Any]]
-        Of each obstacle at the end: `force` on the body (3,) N, `count` of the points that
-        touch, `depth` (m) of the deepest.
+        Of each obstacle at the end ("ground"), of each part or segment that touches it
+        ("ground: foot"), and of each two parts ("self_contact: a, b"): `force` (3,) N on the body,
+        the part, or the first of two; `count` of the points that touch; `depth` (m) of the deepest;
+        of two parts the mean `point` (3,) m. Of a motion also `largest` (N), the largest force in
+        any frame, and its time `largest_at` (s).
     effects_chosen : list of dict[str, Any] or None
         Of `effects: auto`, for each effect whether it was named, and why (docs/effects.md).
 

@@ -340,7 +340,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
         },
         formulation="total",
         kinetic_energy=moved.energies["kinetic"],
-        contacts=_plain(moved.contacts),
+        contacts=_plain(moved.contacts, moved.largest),
     )
 
 
@@ -437,9 +437,18 @@ def _contacts(model: Model, touched: Touched | None, own: OwnContacts | None) ->
     return _plain(found | ({} if own is None else own.report()))
 
 
-def _plain(contacts: Mapping[str, Contact]) -> dict[str, Any]:
-    """Contacts by effect, as plain data."""
-    return {
-        key: {"force": one["force"].tolist(), "count": one["count"], "depth": one["depth"]}
-        for key, one in contacts.items()
-    }
+def _plain(
+    contacts: Mapping[str, Contact], largest: Mapping[str, tuple[float, float]] | None = None
+) -> dict[str, Any]:
+    """Contacts by name, as plain data; largest: of a motion, the largest force (N) of all frames by name, and its time (s)."""
+    apart = Contact(force=np.zeros(3), count=0, depth=0.0, energy=0.0)
+    most = largest or {}
+    found = {}
+    for key in dict.fromkeys([*contacts, *most]):
+        one = contacts.get(key, apart)
+        found[key] = {"force": one["force"].tolist(), "count": one["count"], "depth": one["depth"]}
+        if "point" in one:
+            found[key]["point"] = one["point"].tolist()
+        if key in most:
+            found[key] |= {"largest": most[key][0], "largest_at": most[key][1]}
+    return found

@@ -24,7 +24,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.effects import acting
 from magmpm.effects.calls import rows
 from magmpm.effects.hooks import each_record
-from magmpm.errors import SolveError
+from magmpm.errors import PAIR, SolveError
 from magmpm.kernels.changes import load_changes, loads, stress_per_shear
 from magmpm.model import Model, build, reshaped
 from magmpm.scene import Scene
@@ -232,7 +232,7 @@ def contact_changes(
 def push_changes(
     model: StaticModel, grid: Array, variables: Sequence[Variable], obstacle: str
 ) -> Array:
-    """Change (3, k), N per unit, at fixed coefficients, of the sum of an obstacle's forces, or of two components': central differences."""
+    """Change (3, k), N per unit, at fixed coefficients, of the sum of an obstacle's forces, or of two parts': central differences."""
     out = np.zeros((3, len(variables)))
     for k, one in enumerate(variables):
         if one.kind in ("magnetization", "field", "remanence"):
@@ -249,7 +249,7 @@ def push_changes(
 
 
 def _push(model: StaticModel, grid: Array, obstacle: str) -> Array:
-    """Force (3,) N of an obstacle on the body, or of the second of two components on the first, at coefficients (planes, m) m."""
+    """Force (3,) N of an obstacle on the body or a part, or of the second of two parts on the first, at coefficients (planes, m) m."""
     if not obstacle.startswith("self_contact"):
         return np.asarray(touched_by(model, grid, obstacle).f.sum(axis=0))
     assert model.pairs is not None  # of a scene that names self_contact
@@ -258,10 +258,15 @@ def _push(model: StaticModel, grid: Array, obstacle: str) -> Array:
 
 
 def touched_by(model: StaticModel, grid: Array, obstacle: str) -> Touched:
-    """The points that touch one obstacle at coefficients (planes, m) m."""
+    """The points that touch one obstacle, or of a part that touches it ("walls: tip"), at coefficients (planes, m) m."""
     assert model.touching is not None  # it has the obstacle
-    records = model.scene.effects.named()[obstacle].records(model.scene)
-    return model.touching.touched(records, grid)
+    key, _, part = obstacle.partition(PAIR)
+    records = model.scene.effects.named()[key].records(model.scene)
+    touched = model.touching.touched(records, grid)
+    if not part:
+        return touched
+    names = [region.name for region in model.scene.regions()]
+    return touched.chosen(model.particles.segment[touched.particle] == names.index(part))
 
 
 def _rebuilt(model: StaticModel, scene: Scene) -> StaticModel:

@@ -13,6 +13,8 @@ Mechanics, 2nd ed., section 5.2.2; lagged grip, whose friction has an energy: Li
 (2020) 49, section 5.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -20,11 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from magmpm.bodies.contact_surface import ContactSurface
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.calls import given_for, pushes, rows
 from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
+from magmpm.effects.contact_law import obstacle_contacts
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
@@ -113,8 +116,8 @@ def _grips(calls, x, was, mass, friction, f, met):  # type: ignore[no-untyped-de
 
 class Touched(NamedTuple):
     """Points that touch or are held: their indices on (t,), place x (t, 3) m, mass (t,) kg, coefficient of friction of their own material
-    (t,), pull (t, 3) N of friction and the most (t,) N that it can be, force f (t, 3) N, its slope H (t, 3, 3) N/m, and whether they slide
-    (t,); energy of all, J.
+    (t,), pull (t, 3) N of friction and the most (t,) N that it can be, force f (t, 3) N, its slope H (t, 3, 3) N/m, whether they slide
+    (t,); particle (t,): one in the cell of each; energy of all, J.
     """
 
     on: Index
@@ -126,7 +129,13 @@ class Touched(NamedTuple):
     f: Array
     H: Array
     slides: Array
+    particle: Index
     energy: float
+
+    def chosen(self, some: Mask) -> Touched:
+        """Some of these points (t,), with the energy of all."""
+        each: dict[str, Any] = {name: getattr(self, name)[some] for name in self._fields[:-1]}
+        return self._replace(**each)
 
     @property
     def pattern(self) -> Index:
@@ -174,6 +183,7 @@ class RestingSurface(ContactSurface):
             f[on],
             H[on],
             slides[on],
+            self.particle[on],
             float(energy.sum()),
         )
 
@@ -201,18 +211,9 @@ class RestingSurface(ContactSurface):
 
 
 def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
-    """The contact of each obstacle with a model."""
-    still = Touching(
-        touched.x,
-        touched.mass,
-        touched.friction,
-        touched.pull,
-        touched.most,
-    )
-    found = {
-        key: effect.report(model, still) for key, effect in model.scene.effects.named().items()
-    }
-    return {key: contact for key, contact in found.items() if contact is not None}
+    """The contact of each obstacle with a model, and with each of its parts."""
+    still = Touching(touched.x, touched.mass, touched.friction, touched.pull, touched.most)
+    return obstacle_contacts(model, still, model.particles.segment[touched.particle])
 
 
 def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) -> RestingSurface:

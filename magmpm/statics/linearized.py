@@ -9,13 +9,14 @@ Source: implicit function theorem; Tortorelli and Michaleris, Inverse Problems i
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
-from magmpm.errors import SolveError
+from magmpm.errors import PAIR, SolveError
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.changes import (
@@ -30,7 +31,7 @@ from magmpm.statics.definite import NEUTRAL
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 from magmpm.statics.newton import refined
-from magmpm.statics.surface_pairs import pair_names
+from magmpm.statics.surface_pairs import pair_name
 
 
 class Linearized:
@@ -180,7 +181,7 @@ class Linearized:
         return np.einsum("pn,pkni->ik", self._mean_weights(share), self._by_node(self.unknowns))
 
     def pushed(self, obstacle: str) -> Array:
-        """Derivatives (3, k), N per unit, of the sum of an obstacle's forces on the body, or of two components', while the same points
+        """Derivatives (3, k), N per unit, of the sum of an obstacle's forces on the body or a part, or of two parts', while the same points
         touch.
 
         Of the points' forces f(x) and slopes H = -df/dx: df/dp = -H dx/dp, and what f depends on p at fixed coefficients.
@@ -203,11 +204,13 @@ class Linearized:
 
     @property
     def touchable(self) -> list[str]:
-        """Names that `pushed` takes: the scene's obstacles, and each two components that may touch."""
+        """Names that `pushed` takes: the scene's obstacles, each with each part, and each two parts that may touch."""
         named = self.model.scene.effects.named()
-        pairs = self.model.pairs
-        between = [] if pairs is None else pair_names(pairs.names)
-        return [key for key in ("ground", "walls") if key in named] + between
+        parts = [region.name for region in self.model.scene.regions()]
+        obstacles = [key for key in ("ground", "walls") if key in named]
+        of_parts = [f"{key}{PAIR}{part}" for key in obstacles for part in parts]
+        between = [] if self.model.pairs is None else combinations(parts, 2)
+        return [*obstacles, *of_parts, *(pair_name(*two) for two in between)]
 
     def _mean_weights(self, share: Array) -> Array:
         """Weights (planes, nodes) that give the mean position of particles from the coefficients."""
@@ -334,7 +337,8 @@ class Sensitivities:
         Parameters
         ----------
         obstacle : str
-            "ground", "walls", or a pair as `contacts` names it, "self_contact: a, b": the force on a.
+            As `contacts` names it: "ground", "walls", "walls: tip", or "self_contact: a, b": the
+            force on a.
 
         Returns
         -------

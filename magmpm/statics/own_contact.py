@@ -145,14 +145,16 @@ def springs_of(pairs: HeldPairs, nodes: Array) -> FrictionSprings:
 
 @dataclass(frozen=True)
 class OwnContacts:
-    """Pairs (t,) that touch: point and solid; x (t, 3) m; stiffness N/m; depth m; node (t, 54): of the point's splines and the solid's,
-    among all of the layout, -1 for none; share (t, 54): of dr; lean (t, 54, 3) 1/m: m_a, 0 for the point's nodes; normal (t, 3): g; bend
-    (t, 3, 3) 1/m: of d2 phi, by dr; friction (t,): coefficients; rubs: how friction holds pairs, None where it does not.
+    """Pairs (t,) that touch: point and solid, and place (t, 3) m in it, undeformed; x (t, 3) m; stiffness N/m; depth m; node (t, 54): of
+    the point's splines and the solid's, among all of the layout, -1 for none; share (t, 54): of dr; lean (t, 54, 3) 1/m: m_a, 0 for the
+    point's nodes; normal (t, 3): g; bend (t, 3, 3) 1/m: of d2 phi, by dr; friction (t,): coefficients; rubs: how friction holds pairs, None
+    where it does not.
     """
 
     pairs: RestingPairs
     point: Index
     solid: Index
+    place: Array
     x: Array
     stiffness: Array
     depth: Array
@@ -173,7 +175,7 @@ class OwnContacts:
     @property
     def key(self) -> Index:
         """A number of each pair."""
-        return np.asarray(self.point * len(self.pairs.names) + self.solid)
+        return np.asarray(self.point * len(self.pairs.solids.size) + self.solid)
 
     @property
     def pattern(self) -> Index:
@@ -231,7 +233,8 @@ class OwnContacts:
         if here is None:
             return np.zeros(3)
         lost = self._resisted(nodes, relative(self.node, self.share, nodes))[here]
-        on_the_first = self.pairs.solid[self.point[here]] <= self.solid[here]
+        part = self.pairs.part[self.point[here]]
+        on_the_first = part <= self.pairs.parts_at(self.solid[here], self.place[here])
         return np.asarray(np.where(on_the_first, -1.0, 1.0) @ lost)
 
     def elements(self) -> tuple[Index, Index]:
@@ -262,7 +265,7 @@ class OwnContacts:
             )
 
     def report(self) -> dict[str, Contact]:
-        """Contact of the body with itself, and of each two components that touch."""
+        """Contact of the body with itself, and of each two parts that touch."""
         return {name: one for name, (one, _, _) in self._touching().items()}
 
     def _touching(self) -> dict[str, tuple[Contact, Index | None, Array]]:
@@ -273,9 +276,9 @@ class OwnContacts:
             force[here] += self.rubs.f[there]
         size = np.linalg.norm(self.normal, axis=1)[:, None]
         energy = 0.5 * self.stiffness * self.depth**2
-        return self.pairs.contacts(
-            self.point, self.solid, (self.x, force, self.normal / size), self.depth, energy
-        )
+        acting = (self.x, force, self.normal / size)
+        inside = (self.solid, self.place)
+        return self.pairs.contacts(self.point, inside, acting, self.depth, energy)
 
 
 def _to_nodes(node: Index, values: Array, count: int) -> Array:
@@ -395,6 +398,7 @@ class RestingPairs(SurfacePairs):
             self,
             point,
             solid,
+            at.X,
             x[point],
             rigidity,
             at.depth,

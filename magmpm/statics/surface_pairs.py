@@ -5,8 +5,7 @@ In motion (dynamics.body_contact) and at rest (statics.own_contact) the pairs, t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from itertools import combinations
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,11 +16,13 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_law import own_friction
+from magmpm.errors import PAIR
 from magmpm.kernels.body_contact import SolidCells
 from magmpm.model import Model
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
 
 # cells that any point may be away from its place when pairs were listed: they may then be twice as
 # much nearer
@@ -38,8 +39,9 @@ REACH = float(
 class SurfacePairs:
     """Points (n,) of a model's surface, first those that can move, and its solids.
 
-    place (n, 3) m, in the undeformed body; at (n,): cell of each; solid (n,): its component; splines: a matrix (n, nodes in motion);
-    mass (free,) kg; names: of the components; law (2,): stiffness 1/s^2 and friction where no material names one; cell: m.
+    place (n, 3) m, in the undeformed body; at (n,): cell of each; solid (n,): its component; part (n,): the part or segment of each;
+    splines: a matrix (n, nodes in motion); mass (free,) kg; names: of the parts; law (2,): stiffness 1/s^2 and friction where no material
+    names one; cell: m.
     """
 
     def __init__(self, model: Model, on: Index, law: Array, *, still: bool = False) -> None:
@@ -56,6 +58,7 @@ class SurfacePairs:
         particle = np.concatenate([surface.particle[on], particle])
         self.at = number[particle]
         self.solid = model.component[particle]
+        self.part = model.particles.segment[particle]
         self._free = len(on)
         weights, _ = model.splines_at(
             self.place, model.particles.cell[particle], model.held[particle]
@@ -64,7 +67,7 @@ class SurfacePairs:
             weights[model.held[particle]] = 0.0
         self.nodes = model.nodes_in_motion
         self.splines = spline_matrix(model.first_in_motion(particle), weights, self.nodes)
-        self.names = component_names(model)
+        self.names = [region.name for region in model.scene.regions()]
         self._patches = _patches(self.at, cells)
 
     def near(self, x: Array) -> tuple[Index, Index, Array]:
@@ -100,15 +103,16 @@ class SurfacePairs:
     def contacts(
         self,
         point: Index,
-        solid: Index,
+        there: tuple[Index, Array],
         acting: tuple[Array, Array, Array],
         depth: Array,
         energy: Array,
     ) -> dict[str, tuple[Contact, Index | None, Array]]:
-        """Contact of the body with itself, and of each two components that touch, with which of the touching pairs it is of and the share
-        that each has of its push; a force acts on the first of two, and that on the whole is zero.
+        """Contact of the body with itself, and of each two parts that touch, with which of the touching pairs it is of and the share that
+        each has of its push; a force acts on the first of two, and that on the whole is zero.
 
-        Of touching pairs (t,): point, solid, acting: place m, force N and unit normal, (t, 3) each, on the point; depth m and energy J.
+        Of touching pairs (t,): point; there: solid, and place (t, 3) m in it, undeformed; acting: place m, force N and unit normal, (t, 3)
+        each, on the point; depth m and energy J.
         """
         x, force, normal = acting
         deepest = float(depth.max(initial=0.0))
@@ -118,9 +122,11 @@ class SurfacePairs:
         found: dict[str, tuple[Contact, Index | None, Array]] = {
             "self_contact": (whole, None, np.zeros(0))
         }
-        a = np.minimum(self.solid[point], solid)
-        b = np.maximum(self.solid[point], solid)
-        sign = np.where(self.solid[point] <= solid, 1.0, -1.0)[:, None]
+        own = self.part[point]
+        other = self.parts_at(*there)
+        a = np.minimum(own, other)
+        b = np.maximum(own, other)
+        sign = np.where(own <= other, 1.0, -1.0)[:, None]
         for i, j in np.unique(np.column_stack([a, b]), axis=0):
             here = np.flatnonzero((a == i) & (b == j))
             outward = (sign * normal)[here]
@@ -140,6 +146,20 @@ class SurfacePairs:
             found[name] = (one, here, weight)
         return found
 
+    def parts_at(self, solid: Index, X: Array) -> Index:
+        """Part or segment (t,) of places X (t, 3) m in undeformed solids (t,): that of the nearest point of each solid's surface."""
+        return np.asarray(self.part[self._nearby.query(self._apart(solid, X))[1]])
+
+    def _apart(self, solid: Index, X: Array) -> Array:
+        """Places (t, 4) m among which those of different solids (t,) are farther from each other than any of the same one."""
+        return np.column_stack([X, 2.0 * np.ptp(self.place) * solid])
+
+    @cached_property
+    def _nearby(self) -> cKDTree:
+        from scipy.spatial import cKDTree  # as in `near`
+
+        return cKDTree(self._apart(self.solid, self.place))
+
     def share(self, x: Array, way: Array) -> float:
         """Share, at most 1, of a way (n, 3) m from places x (n, 3) m on which no point can come past another surface unseen.
 
@@ -150,22 +170,9 @@ class SurfacePairs:
         return float(_clear(self._patches[2], center, radius, mean, spread, MOVE * self.cell))
 
 
-def component_names(model: Model) -> list[str]:
-    """Name of each component: that of its first part or segment."""
-    segment = model.particles.segment
-    regions = model.scene.regions()
-    count = int(model.component.max()) + 1
-    return [regions[segment[model.component == one].min()].name for one in range(count)]
-
-
 def pair_name(one: str, other: str) -> str:
-    """Name of the contact of two components, as contacts.csv has it."""
-    return f"self_contact: {one}, {other}"
-
-
-def pair_names(components: Iterable[str]) -> list[str]:
-    """Names of the contacts of each two components."""
-    return [pair_name(one, other) for one, other in combinations(components, 2)]
+    """Name of the contact of two parts, as contacts.csv has it."""
+    return f"self_contact{PAIR}{one}, {other}"
 
 
 def _solid_cells(model: Model, still: bool) -> tuple[SolidCells, Index, Index]:

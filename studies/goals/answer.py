@@ -18,7 +18,6 @@ from magmpm.results.measures import of_particles
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Frame, Motion
 from magmpm.scene import Scene
-from magmpm.statics.surface_pairs import component_names, pair_names
 
 
 def pushed(scene: Scene) -> bool:
@@ -175,7 +174,7 @@ class Answer:
         return times, np.array(strength)
 
     def pushes(self, of: str) -> Array:
-        """Force (k, 3) N of an obstacle, or of two parts, at each moment of what runs along time, or (1, 3) at rest."""
+        """Force (k, 3) N of a contact, named as in contacts.csv, at each moment of what runs along time, or (1, 3) at rest."""
         if self.motion is None:
             assert self.result is not None
             found = self.result.contacts.get(of, {})
@@ -187,8 +186,3 @@ class Answer:
             force = np.column_stack([rows[f"F{axis}"] for axis in "xyz"])
             out[np.searchsorted(self.times, rows["t"][on])] = force[on]
         return out
-
-    @cached_property
-    def pairs(self) -> list[str]:
-        """Names of the contacts between two components that self_contact may have, as contacts.csv has them."""
-        return pair_names(component_names(self.model))

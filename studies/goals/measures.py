@@ -16,11 +16,12 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.errors import InputError, MagmpmError, in_mm, length, quantity
+from magmpm.errors import PAIR, InputError, MagmpmError, in_mm, length, quantity
 from magmpm.inputs.messages import Instead
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
 from magmpm.scene import Scene
+from magmpm.statics.surface_pairs import pair_name
 from magmpm.studies.goals.answer import Answer, inserted_at, pushed, time_of
 
 _Spot = Annotated[
@@ -251,14 +252,23 @@ class Distance(AtMoment):
 
 
 class ContactForce(Smooth):
-    """Size of the force of an obstacle on the body, or between two parts, N."""
+    """Size of the force of an obstacle or a part on the body or one of its parts, N."""
 
     kind: ClassVar[str | None] = "force"
     unit: ClassVar[str] = "N"
     of: str = Field(
+        default="body",
+        min_length=1,
+        description="body (unless given), or the name of a part or segment: what is pushed.",
+        examples=["finger_2"],
+    )
+    by: str = Field(
         alias="with",
         min_length=1,
-        description='An obstacle, or a pair as contacts.csv names it: "self_contact: a, b".',
+        description=(
+            "What pushes: ground, walls, a part that self_contact lets touch `of`, or self_contact"
+            " for all of them."
+        ),
         examples=["walls"],
     )
     over: Literal["largest", "mean", "last"] = Field(
@@ -268,14 +278,20 @@ class ContactForce(Smooth):
     )
 
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
-        name = self.named(answer, at)
-        forces = answer.pushes(name)
+        names = self.named(answer.scene, at)
+        forces = self._forces(answer, at)
         sizes = np.linalg.norm(forces, axis=1)
-        slopes = [
-            share * forces[k] / max(float(sizes[k]), 1e-300) @ of.force(name, int(k))
-            for k, share in zip(*self._counted(answer, sizes), strict=True)
-        ]
-        return np.sum(slopes, axis=0)
+        out = []
+        for k, share in zip(*self._counted(answer, sizes), strict=True):
+            slope = sum(sign * of.force(name, int(k)) for name, sign in names.items())
+            out.append(share * forces[k] / max(float(sizes[k]), 1e-300) @ slope)
+        return np.sum(out, axis=0)
+
+    def _forces(self, answer: Answer, at: str) -> Array:
+        """Force (k, 3) N at each moment."""
+        names = self.named(answer.scene, at)
+        each = [sign * answer.pushes(name) for name, sign in names.items()]
+        return np.sum(each, axis=0)
 
     def _counted(self, answer: Answer, sizes: Array) -> tuple[Index, Array]:
         """Numbers (k,) of the moments that count, and by how much (k,): in a mean by their share of the time."""
@@ -288,35 +304,46 @@ class ContactForce(Smooth):
         return np.arange(len(sizes)), share
 
     def of_answer(self, answer: Answer, at: str) -> float:
-        sizes = np.linalg.norm(answer.pushes(self.named(answer, at)), axis=1)
+        sizes = np.linalg.norm(self._forces(answer, at), axis=1)
         moments, share = self._counted(answer, sizes)
         return float(share @ sizes[moments])
 
-    def named(self, answer: Answer, at: str) -> str:
-        """Its name in contacts.csv, where a pair has one order. Raises InputError."""
-        named = answer.scene.effects.named()
-        known: list[str] = [key for key in ("ground", "walls") if key in named]
-        if "self_contact" in named:
-            known += answer.pairs
-        key, _, two = self.of.partition(": ")
-        turned = [f"{key}: {', '.join(reversed(two.split(', ')))}"]
-        for name in (self.of, *turned):
-            if name in known:
-                return name
-        listed = ", ".join(repr(name) for name in known[:8])
-        whole = self.of == "self_contact" or self.of.endswith(", itself")
-        raise InputError(
-            f"{at}.with",
-            received=repr(self.of),
-            rule=(
-                "the forces of the body on itself add up to zero"
-                if whole
-                else "the scene has no such contact; joined parts have the name of their first"
-            ),
-            remedy=f"name one of {listed}"
-            if known
-            else "name ground, walls or self_contact in the scene's effects",
-        )
+    def named(self, scene: Scene, at: str) -> dict[str, float]:
+        """Contacts, as contacts.csv names them, whose forces with these signs add up to this one. Raises InputError."""
+        effects = scene.effects.named()
+        parts = [region.name for region in scene.regions()]
+        obstacles = [key for key in ("ground", "walls") if key in effects]
+        of = self.of
+        by = self.by
+        if of == "body" and by.startswith("self_contact: "):  # a pair as contacts.csv names it
+            of, _, by = by.removeprefix("self_contact: ").partition(", ")
+        if of not in ("body", *parts):
+            raise self._unknown(f"{at}.of", of, "of a part or segment", ["body", *parts])
+        if by in obstacles:
+            return {by if of == "body" else f"{by}{PAIR}{of}": 1.0}
+        touching = parts if "self_contact" in effects else []
+        others = [part for part in touching if part != of]
+        if of == "body" and by in ("self_contact", *touching):
+            raise InputError(
+                f"{at}.of",
+                received="'body'",
+                rule="the forces of the body on itself add up to zero",
+                remedy=f"name the part that is pushed, one of {', '.join(parts[:8])}",
+            )
+        if by not in ("self_contact", *others):
+            raise self._unknown(f"{at}.with", by, f"that may touch {of}", [*obstacles, *others])
+        found = {}
+        for other in others if by == "self_contact" else [by]:
+            two = sorted((of, other), key=parts.index)
+            found[pair_name(*two)] = 1.0 if two[0] == of else -1.0
+        return found
+
+    @staticmethod
+    def _unknown(at: str, name: str, what: str, known: list[str]) -> InputError:
+        listed = f"name one of {', '.join(known[:8])}"
+        none = "name ground, walls or self_contact in the scene's effects"
+        rule = f"must be a name {what}"
+        return InputError(at, received=repr(name), rule=rule, remedy=listed if known else none)
 
 
 class LargestStrain(OneMeasure):
@@ -491,7 +518,7 @@ class Measure(Settings):
         the scene has not."""
         kind = None if self.python is not None else getattr(self, self.name)
         if isinstance(kind, ContactForce):
-            kind.named(Answer(scene, None), at)
+            kind.named(scene, at)
         said = {key: getattr(kind, key, None) for key in ("at", "begin", "end", "inserted")}
         for key, value in said.items():
             if value is None:

@@ -12,7 +12,7 @@ import pytest
 from goal_study import SCENE, STUDY, plain, searched, written
 from jsonschema import Draft202012Validator
 from optuna.distributions import FloatDistribution
-from reference.moving import block, moving_scene
+from reference.moving import DENSITY, block, moving_scene
 from reference.parts import parts_scene
 from reference.solids import box
 from scipy.spatial.transform import Rotation
@@ -112,7 +112,7 @@ def test_measures_of_a_motion(fallen: Answer) -> None:
     [
         ({"position": {"of": "nose"}}, "must be tip, body, or one of"),
         ({"turn": {"along": [0, 1, 0]}}, r"write `about: \[0, 1, 0\]`"),
-        ({"contact_force": {"with": "walls"}}, "no such contact"),
+        ({"contact_force": {"with": "walls"}}, "name ground, walls or self_contact in the scene"),
         ({}, "must have one of the keys"),
         ({"strain": {}, "stability": {}}, "must have one of the keys"),
         ({"python": "none.py:f"}, "there is no file"),
@@ -237,9 +237,44 @@ def test_two_parts_that_have_left_each_other_press_no_more(tmp_path: Path) -> No
     for pair in ("self_contact: plate, block", "self_contact: block, plate"):
         assert measured(answer, contact_force={"with": pair}) > 1e-3
         assert measured(answer, contact_force={"with": pair, "over": "last"}) == 0.0
-    for wrong in ("self_contact", "self_contact: plate, blokc"):
-        with pytest.raises(InputError, match="self_contact: plate, block"):
-            measured(answer, contact_force={"with": wrong})
+    whole = measured(answer, contact_force={"with": "self_contact: plate, block"})
+    for of, by in (("plate", "block"), ("block", "plate"), ("block", "self_contact")):
+        assert measured(answer, contact_force={"of": of, "with": by}) == whole
+    for wrong, remedy in (
+        ({"with": "self_contact"}, "name the part that is pushed, one of plate, block"),
+        ({"with": "self_contact: plate, blokc"}, "name one of block"),
+        ({"of": "blokc", "with": "plate"}, "name one of body, plate, block"),
+        ({"of": "block", "with": "block"}, "name one of plate"),
+        ({"of": "block", "with": "ground"}, "name one of plate"),
+    ):
+        with pytest.raises(InputError, match=remedy):
+            measured(answer, contact_force=wrong)
+
+
+def test_each_segment_bears_its_share_of_the_weight(tmp_path: Path) -> None:
+    """A block that lies on the ground: a third of its weight on the first segment, within the 2 % of points on the edge between both, and
+    of the ends; what both bear adds up to the weight. The largest force in any frame is in the result."""
+    segments = [{"magnetization": [0.0, 0.0, 0.0], "length": length} for length in (4e-3, 8e-3)]
+    effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, -1e-3]}, "damping": {"rate": 500.0}}
+    scene = moving_scene(
+        block((12e-3, 2e-3, 2e-3), segments=segments),
+        effects,
+        solver={"dynamic": {"duration": 0.03, "output_every": 3e-3}},
+    )
+    result = run(scene, folder=tmp_path)
+    answer = Answer(scene, result, Motion.load(tmp_path))
+    weight = DENSITY * 12e-3 * 2e-3 * 2e-3 * 9.81
+    last = {"with": "ground", "over": "last"}
+    short = measured(answer, contact_force={**last, "of": "segment 1"})
+    long = measured(answer, contact_force={**last, "of": "segment 2"})
+    assert short == pytest.approx(weight / 3, rel=0.02)
+    assert short + long == pytest.approx(weight, rel=5e-3)
+    assert short + long == pytest.approx(measured(answer, contact_force=last), rel=1e-9)
+    for name in ("ground", "ground: segment 1", "ground: segment 2"):
+        forces = np.linalg.norm(answer.pushes(name), axis=1)
+        told = result.contacts[name]
+        assert told["largest"] == pytest.approx(forces.max(), rel=1e-12)
+        assert told["largest_at"] == answer.times[forces.argmax()]
 
 
 def test_a_bound_of_a_magnets_field_has_no_derivative(tmp_path: Path) -> None:

@@ -109,6 +109,9 @@ def test_a_stiffer_body_takes_shorter_steps_before_they_are_too_long() -> None:
     bent = begin(build(moving(rod_scene(length=16e-3, field=(0.0, 0.0, 10e-3)))))
     first = bent.control.step
     interval(bent, 2e-3)
+    steps = bent.steps
+    np.testing.assert_array_equal(interval(bent, 2e-3).x, bent.motion.particles()[0])
+    assert bent.steps == steps  # a time that is reached already
     assert bent.control.step == first, "bending makes it no stiffer"
     pulled = begin(
         build(

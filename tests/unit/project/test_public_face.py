@@ -29,6 +29,16 @@ NUMBERS = re.compile(r"\bfloat\b|Array|ndarray|Numbers")
 ARRAYS = re.compile(r"Array|ndarray|Numbers")
 
 
+def test_a_clone_is_found_from_the_folder_that_holds_it(tmp_path: Path) -> None:
+    """Python first sees there a folder `magmpm` without an `__init__.py`, and goes on to the package only where that is on a path."""
+    (tmp_path / "magmpm").symlink_to(ROOT)
+    code = "import magmpm; print(magmpm.__file__)"
+    told = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert Path(told.stdout.strip()).samefile(ROOT / "magmpm" / "__init__.py")
+
+
 def functions(of: type) -> Iterator[tuple[str, Callable[..., Any]]]:
     """The public functions a class itself defines, and those by which it is used as a sequence."""
     for name, found in vars(of).items():

@@ -489,7 +489,7 @@ def test_the_force_of_one_part_on_another_is_differentiated(tmp_path: Path) -> N
         "materials.m.shear_modulus": 20.0,
         "effects.self_contact.stiffness": 1e-3,
     }
-    pair = "self_contact: palm, stone"
+    pair = "self_contact: finger, stone"
     found = magmpm.sensitivities(scene, list(steps))
     slopes = found.contact_force(pair)
     count = found.result.contacts[pair]["count"]
@@ -510,7 +510,7 @@ def test_the_force_of_one_part_on_another_is_differentiated(tmp_path: Path) -> N
         slope = (force(variable.changed(scene, h)) - force(variable.changed(scene, -h))) / (2 * h)
         np.testing.assert_allclose(slopes[:, k], slope, rtol=0, atol=1e-6 * np.abs(slope).max())
     with pytest.raises(ValueError, match="is not one of the scene's"):
-        found.contact_force("self_contact: palm, finger")
+        found.contact_force("self_contact: palm, fingre")
 
 
 @pytest.mark.parametrize(
