@@ -14,6 +14,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -226,8 +227,8 @@ class Watched:
     def _drawn(self) -> Any:
         """The bar. It is made only where it is shown: tqdm takes a while to import."""
         if self._bar is None:
-            from tqdm.auto import tqdm
-
+            # in a notebook tqdm.auto draws with ipywidgets, and warns where there are none
+            tqdm = import_module("tqdm.auto" if installed("ipywidgets") else "tqdm.std").tqdm
             if self._total is None:
                 form = "{desc}: {elapsed}{postfix}"
             elif self._unit == "s":

@@ -72,7 +72,7 @@ class Variants(Runs):
     error: m, that the answer may have, what the scene requests unless given; longest: s, that a motion may take about.
     """
 
-    def __init__(self, scene: Scene, error: float | None = None, longest: float = 2.0) -> None:
+    def __init__(self, scene: Scene, error: float | None = None, longest: float = 4.0) -> None:
         super().__init__(scene)
         self.error = error or scene.allowed_error
         self.longest = longest
@@ -153,12 +153,18 @@ class Variants(Runs):
         return coarse
 
 
-def motion_seconds(scene: Scene) -> float:
-    """About what a motion takes on the scene's grid, s."""
-    rate = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
+def motion_seconds(
+    scene: Scene, each_step: float = 40e-6, each_particle: float = 1 / 15e6
+) -> float:
+    """About what the steps of a motion take on the scene's grid, s.
+
+    each_step: s, of any body, and each_particle: s, of each of its particles in a step, of whole runs on two cores of about 2.7 GHz
+    (128 to 5 120 particles: 46 to 500 us a step).
+    """
     prepare_kernels(scene)
     motion = begin(build(scene))
-    return len(motion.motion.model.density) * scene.duration / motion.dt / rate
+    steps = scene.duration / motion.dt
+    return steps * (each_step + each_particle * len(motion.motion.model.density))
 
 
 def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:

@@ -255,7 +255,7 @@ def test_each_segment_bears_its_share_of_the_weight(tmp_path: Path) -> None:
     """A block that lies on the ground: a third of its weight on the first segment, within the 2 % of points on the edge between both, and
     of the ends; what both bear adds up to the weight. The largest force in any frame is in the result."""
     segments = [{"magnetization": [0.0, 0.0, 0.0], "length": length} for length in (4e-3, 8e-3)]
-    effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, -1e-3]}, "damping": {"rate": 500.0}}
+    effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, 0.0]}, "damping": {"rate": 500.0}}
     scene = moving_scene(
         block((12e-3, 2e-3, 2e-3), segments=segments),
         effects,

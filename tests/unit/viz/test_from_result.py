@@ -133,7 +133,26 @@ def strip_result(across: int, thick: int, strip: dict[str, Any], **scene: Any) -
         particle_segment=((X[:, 0] > 0.01) & (len(strip["segments"]) > 1)).astype(np.int32),
         segment_remanence=np.array([[0.1, 0, 0]]),
         field=np.array([0, 0, 8e-3]),
+        contacts={},
     )
+
+
+def test_forces_at_rest_are_arrows_part_by_part() -> None:
+    """The ground's on the segment that lies on it, at that segment; between two parts at the mean point of their push."""
+    effects = {"magnetic_torque": {}, "ground": {"point": [0.0, 0.0, -1e-3]}}
+    result = strip_result(10, 4, {"clamp": "base", "segments": [{}, {}]}, effects=effects)
+    usual = {"count": 3, "depth": 1e-6}
+    up = {**usual, "force": [0.0, 0.0, 3e-3]}
+    apart = {**usual, "force": [0.0, 0.0, 0.0]}
+    between = {**usual, "force": [3e-3, 0.0, 0.0], "point": [5e-3, 0.0, 1e-3]}
+    result.contacts = {"ground": up, "ground: segment 2": up, "self_contact": apart}
+    result.contacts["self_contact: segment 1, segment 2"] = between
+    snapshot = Still(result).snapshot()
+    on, across = snapshot.forces
+    np.testing.assert_allclose(on[0], [15e-3, 0.0, -1e-3], rtol=0, atol=0.5e-3)  # a particle's size
+    np.testing.assert_allclose(across[0], between["point"])
+    assert on[1][2] > 0 == on[1][0]
+    assert across[1][0] > 0 == across[1][2]
 
 
 def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
