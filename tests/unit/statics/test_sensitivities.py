@@ -461,6 +461,9 @@ def test_the_force_of_a_wall_is_differentiated(tmp_path: Path) -> None:
         behind = force(variable.changed(scene, -h))
         slope = (ahead - behind) / (2 * h)
         np.testing.assert_allclose(slopes[:, k], slope, rtol=0, atol=1e-6 * np.abs(slope).max())
+    shares = [found.contact_force(f"walls: {region.name}") for region in scene.regions()]
+    most = np.abs(shares).max()  # of sums of differences: their rounding
+    np.testing.assert_allclose(np.sum(shares, axis=0), slopes, rtol=0, atol=1e-9 * most)
     with pytest.raises(ValueError, match="is not one of the scene's"):
         found.contact_force("ground")
 
