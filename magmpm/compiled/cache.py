@@ -129,7 +129,7 @@ def kept_all() -> bool:
 
 def _write_late() -> None:
     """Write machine code late, in this process."""
-    codegen = cpu_target.target_context.codegen()
+    codegen: Any = cpu_target.target_context.codegen()
     set_env = codegen.set_env
 
     def set_known(name: str, environment: Any) -> None:
