@@ -58,7 +58,7 @@ from magmpm.studies.evaluate.trial import (
     silent,
 )
 from magmpm.studies.rods.exchanges import next_exchange
-from magmpm.studies.rods.rod_designs import improver
+from magmpm.studies.rods.rod_designs import RodForetells
 from magmpm.studies.search.definition import Study
 from magmpm.studies.search.objectives import trial_values
 from magmpm.studies.search.samplers import choice
@@ -354,8 +354,8 @@ class _Run(StudySession):
         insertion = self.evaluator.evaluation
         front = choice.within_bounds(study)
         goal = study.stop_rms or 0.0
-        improve = (
-            improver(self.space, study.target)
+        model = (
+            RodForetells.of(self.space, study.target)
             if front and not (study.depths or study.keyframes)
             else None
         )
@@ -382,7 +382,7 @@ class _Run(StudySession):
                 starts=self.starts,
                 goal=goal,
                 front=front,
-                improve=improve,
+                model=model,
             )
 
         inner = of(0)

@@ -22,7 +22,7 @@ scene has no rod, there are no designs.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,7 @@ from magmpm.studies.search.search_space import SearchSpace
 if TYPE_CHECKING:
     from scipy.stats import qmc
 
-    from magmpm.studies.search.samplers.bounded_front import Improve
+    from magmpm.studies.search.samplers.bounded_front import Start
 
 # of the length: a best design that is farther away is searched in other ways, and from more points
 REACHED_TARGET = 1e-3
@@ -282,58 +282,120 @@ def rod_starts(
     return starts
 
 
-def improver(space: SearchSpace, target: Array) -> Improve | None:
-    """Make a function that improves designs within a bound of the field by the rod.
+class RodForetells:
+    """What the rod foretells of a study of directions and one field, for a front of the distance and the field (bounded_front).
 
     Parameters
     ----------
     space : SearchSpace
         The search space.
-    target : array (m, 4), m
-        Rows [s, x, y, z].
+    problem : DescendingRods
+        The descents within its greatest field.
 
-    Returns
-    -------
-    Improve or None
-        Makes, from a bound as a share of the greatest and a study's designs, better ones within
-        it, best first. None where the rod can't: other numbers vary than directions and one
-        field, directions are of a set, or there is no rod.
+    Attributes
+    ----------
+    unloaded : float, m
+        Distance of the rod from the target in no field.
     """
-    blocks = len(space.segments) + 1
-    if space.field_max is None or len(space.blocks) != blocks or space.limits is not None:
-        return None
-    scene = space.scene
-    field_max = space.field_max
-    try:
-        problem = DescendingRods(scene, target, space.segments, field_max)
-    except SolveError:
-        return None
 
-    made: dict[float, Any] = {}  # designs and what they became, last, by bound
+    def __init__(self, space: SearchSpace, problem: DescendingRods) -> None:
+        self._space = space
+        self._problem = problem
+        self.unloaded = root_mean_square(self._gaps(space.scene.with_field(np.zeros(3))))
+        self._made: dict[float, Any] = {}  # designs and what they became, last, by bound
 
-    def improved_within(share: float, designs: Sequence[Parameters]) -> list[dict[str, float]]:
-        if share not in made or made[share][0] != list(designs):
-            made[share] = list(designs), improved(share, designs)
-        return made[share][1]
+    @classmethod
+    def of(cls, space: SearchSpace, target: Array) -> RodForetells | None:
+        """Make it for a study.
 
-    def improved(share: float, designs: Sequence[Parameters]) -> list[dict[str, float]]:
+        Parameters
+        ----------
+        space : SearchSpace
+            The search space.
+        target : array (m, 4), m
+            Rows [s, x, y, z].
+
+        Returns
+        -------
+        RodForetells or None
+            None where the rod can't: other numbers vary than directions and one field,
+            directions are of a set, or there is no rod.
+        """
+        blocks = len(space.segments) + 1
+        if space.field_max is None or len(space.blocks) != blocks or space.limits is not None:
+            return None
+        try:
+            return cls(space, DescendingRods(space.scene, target, space.segments, space.field_max))
+        except SolveError:
+            return None
+
+    def _gaps(self, scene: Scene) -> Array:
+        """Vectors (m, 3) m from the target to the scene's rod."""
+        target = self._problem.target
+        return np.asarray(solve_rod(scene).at(target[:, 0]) - target[:, 1:])
+
+    def residuals(self, design: Mapping[str, float]) -> Array | None:
+        """Find the residuals of a design's rod.
+
+        Parameters
+        ----------
+        design : Mapping[str, float]
+            Its parameters.
+
+        Returns
+        -------
+        array (3 m,), m, or None
+            Gaps over the root of m; None where the rod finds no equilibrium.
+        """
+        try:
+            gaps = self._gaps(self._space.scene_of(design))
+        except SolveError:
+            return None
+        return np.asarray(gaps / np.sqrt(len(gaps))).reshape(-1)
+
+    def improved(self, share: float, designs: Sequence[Parameters]) -> list[Start]:
+        """Improve designs within a bound of the field.
+
+        Parameters
+        ----------
+        share : float, no unit
+            The bound, as a share of the greatest.
+        designs : sequence of Parameters
+            Of any strength.
+
+        Returns
+        -------
+        list of (float, dict[str, float])
+            Better ones, best first, each with the distance (m) of its rod from the target.
+        """
+        if share not in self._made or self._made[share][0] != list(designs):
+            self._made[share] = list(designs), self._improved(share, designs)
+        found: list[Start] = self._made[share][1]
+        return found
+
+    def _improved(self, share: float, designs: Sequence[Parameters]) -> list[Start]:
         if not designs:
             return []
-        here = problem.within(share * field_max)
+        problem = self._problem
+        space = self._space
+        assert problem.field_max is not None  # `of` makes it so
+        bound = share * problem.field_max
+        here = problem.within(bound)
         x = np.array([space.embedded(design) for design in designs])
-        field = x[:, -3:] / (share * field_max)
+        field = x[:, -3:] / bound
         field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
         directions = x[:, :-3].reshape(len(x), -1, 3)
         begun = here.state(
             directions, field, problem.family.straight(len(x)), np.full(len(x), DAMPING)
         )
-        found = _verified(scene, here, space.segments, here.carefully(begun, [(6, 12), (8, 8)]))
+        at = here.carefully(begun, [(6, 12), (8, 8)])
         return [
-            space.parameters_at(np.concatenate([design.directions.ravel(), design.field]))
-            for design in found
+            (
+                design.rms,
+                space.parameters_at(np.concatenate([design.directions.ravel(), design.field])),
+            )
+            for design in _verified(space.scene, here, space.segments, at)
         ]
-
-    return improved_within
 
 
 def _verified(

@@ -5,10 +5,12 @@ the strength, and that is a problem for Gauss and Newton (gauss_newton.py). So a
 one first, and then always the middle of a gap between two bounds, or between zero and the least one, in which there is most to find: of the
 largest product of its width and the logarithm of the ratio of both distances.
 
-Within a bound the search begins with a given design: the best that `improve` makes of all that is known, or without that the best of
+Within a bound the search begins with a given design: the best that `model` makes of all that is known, or without that the best of
 those given that smaller bounds do not allow, or the best trial of the larger bounds, its vectors shortened. From the start, or from the
-best trial that the bound allows if that is nearer to the target, it goes on by steps. Like the sampler it is made of, this one depends only
-on the seed and the trials that are there.
+best trial that the bound allows if that is nearer to the target, it goes on by steps, as long as they promise to win. Another start is
+tried only where the best trial is much farther from the target than `model` foretells for it: a weak field has many designs that are as
+near as each other, and a step that promises little often ends on another branch, far away. Like the sampler it is made of, this one depends
+only on the seed and the trials that are there.
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 from optuna.trial import FrozenTrial
 
-from magmpm.studies.search.samplers.blocks import Ball, Block
+from magmpm.studies.search.samplers.blocks import Array, Ball, Block
 from magmpm.studies.search.samplers.gauss_newton import (
     PLAN,
     GaussNewtonSampler,
@@ -30,16 +32,36 @@ from magmpm.studies.search.samplers.gauss_newton import (
     counted,
 )
 
-Improve = Callable[[float, Sequence[Mapping[str, float]]], list[dict[str, float]]]
+# a distance from the target, as it is foretold, and the design
+Start = tuple[float, dict[str, float]]
+
+
+class Foretells(Protocol):
+    """A quick model of the problem.
+
+    Attributes
+    ----------
+    unloaded : float
+        Distance of all designs at zero strength.
+    """
+
+    unloaded: float
+
+    def improved(self, share: float, designs: Sequence[Mapping[str, float]]) -> list[Start]:
+        """Make, from designs of any strength, better ones within a bound, a share of the greatest; best first."""
+
+    def residuals(self, design: Mapping[str, float]) -> Array | None:
+        """Foretell the residuals of a design; None where that can't be."""
+
 
 BOUND = (  # in a trial's plan: the bound within which it was sought, as a share of the greatest
     "bound"
 )
 EACH = 4  # trials of a bound, at most: a start and its steps
-# of the distance, about: a bound is left after a step that wins less, and a gap between two in
-# which it changes less
+# of the distance, about: a bound is left after a step that wins less, or before one that promises
+# less, and a gap between two in which it changes less
 LEAST_PROGRESS = 0.05
-NARROWEST = 1 / 64  # of the greatest bound: gaps below are not looked into
+NARROWEST = 1 / 64  # of a gap's end: smaller ones are not looked into
 
 
 class BoundedFront(PlanningSampler):
@@ -54,14 +76,15 @@ class BoundedFront(PlanningSampler):
     starts : sequence of Mapping[str, float], default ()
         Designs to begin from, best first, of any strength.
     near : float, default 0.0
-        Distance (the first objective) below which differences do not matter.
+        Distance (the first objective) below which differences do not matter as long as others
+        are left.
     poor : float, default math.inf
-        Distance above which a bound's next start is tried.
+        By how much a bound's best trial is farther than a start is foretold to be, where that
+        start is tried.
     far : float, default math.inf
-        About the distance that all designs have at zero strength.
-    improve : Improve, optional
-        Makes, from a bound as a share of the greatest and designs of any strength, better
-        designs that the bound allows, best first.
+        About the distance that all designs have at zero strength, where no model knows it.
+    model : Foretells, optional
+        Improves the designs that a bound begins with, and foretells where a step leads.
     """
 
     def __init__(
@@ -73,14 +96,14 @@ class BoundedFront(PlanningSampler):
         near: float = 0.0,
         poor: float = math.inf,
         far: float = math.inf,
-        improve: Improve | None = None,
+        model: Foretells | None = None,
     ) -> None:
         super().__init__(blocks, seed, starts)
         self._balls = [block for block in blocks if isinstance(block, Ball)]
         self._near = near
         self._poor = poor
-        self._far = far
-        self._improve = improve
+        self._far = far if model is None else model.unloaded
+        self._model = model
 
     def plan(
         self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
@@ -88,37 +111,44 @@ class BoundedFront(PlanningSampler):
         """Parameters of the next trial, and what is kept with it."""
         busy = {_bound_of(t) for t in running}
         last = _bound_of(trials[-1]) if trials else None
-        if last is not None and last not in busy:
-            found = self._within(last, trials, running)
-            if found is not None:
-                return found
-        bound = self._next_bound(trials, running)
-        found = None if bound is None else self._within(bound, trials, running)
-        if found is not None:
-            return found
+        going_on = [] if last is None or last in busy else [last]
+        for near in (self._near, 0.0):
+            for bound in [*going_on, *self._next_bounds(trials, running, near)]:
+                found = self._within(bound, trials, running, near)
+                if found is not None:
+                    return found
         params, kept = self._sampler(1.0).plan(
             trials, running
         )  # nothing is left between bounds: on within the greatest
         return params, {**kept, BOUND: 1.0}
 
     def _within(
-        self, bound: float, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]
+        self,
+        bound: float,
+        trials: Sequence[FrozenTrial],
+        running: Sequence[FrozenTrial],
+        near: float,
     ) -> tuple[dict[str, float], dict[str, Any]] | None:
-        """The next design within a bound; None where its trials are used up."""
+        """The next design within a bound; None where its trials are used up, or its best is near enough."""
         here = [t for t in trials if _bound_of(t) == bound]
         known = [t.params for t in [*trials, *running]]
         best = self._best(trials, bound)
+        nearest = math.inf if best is None else float(best.values[0])
         if len(here) >= EACH or (here and _wins_little(here[-1], trials)):
+            return None
+        if bound < 1.0 and nearest <= near:
             return None
         if here:
             params, kept = self._sampler(bound).plan(self._origins_and(here, best, trials))
-            if kept["from"] is not None and not _is_among(params, known):
+            if (
+                kept["from"] is not None
+                and _promises(kept, trials)
+                and not _is_among(params, known)
+            ):
                 return params, {**kept, BOUND: bound}
-            if best is not None and float(best.values[0]) <= self._poor:
-                return None
         begun = here[0].number if here else math.inf
-        for start in self._starts_within(bound, [t for t in trials if t.number < begun]):
-            if not _is_among(start, known):
+        for foretold, start in self._starts_within(bound, [t for t in trials if t.number < begun]):
+            if not _is_among(start, known) and (not here or nearest > foretold + self._poor):
                 return start, {"start": len(here), "from": None, BOUND: bound}
         return None
 
@@ -137,7 +167,10 @@ class BoundedFront(PlanningSampler):
             dataclasses.replace(b, most=bound * b.most) if isinstance(b, Ball) else b
             for b in self._blocks
         ]
-        return GaussNewtonSampler(blocks, self._seed, goal=self._near, poor=self._poor)
+        foretell = None if self._model is None else self._model.residuals
+        return GaussNewtonSampler(
+            blocks, self._seed, goal=self._near, poor=self._poor, foretell=foretell
+        )
 
     def _strength(self, params: Mapping[str, float]) -> float:
         """The greatest strength of a design, as a share of the greatest bound."""
@@ -150,15 +183,15 @@ class BoundedFront(PlanningSampler):
         ]
         return min(allowed, key=cost_of, default=None)
 
-    def _starts_within(self, bound: float, trials: Sequence[FrozenTrial]) -> list[dict[str, float]]:
+    def _starts_within(self, bound: float, trials: Sequence[FrozenTrial]) -> list[Start]:
         """Designs to begin from within a bound, best first; trials: those before its first one, so that they stay the same."""
         bounds = {b for b in map(_bound_of, trials) if b is not None}
         best = self._best(trials, bound)
         larger = [b for b in bounds if b > bound]
         stronger = self._best(trials, min(larger)) if larger else None
         neighbors = [dict(t.params) for t in (best, stronger) if t is not None]
-        if self._improve is not None:
-            return self._improve(bound, [*self._starts, *neighbors])
+        if self._model is not None:
+            return self._model.improved(bound, [*self._starts, *neighbors])
         below = max((b for b in bounds if b < bound), default=0.0)
         found = [
             start
@@ -170,35 +203,47 @@ class BoundedFront(PlanningSampler):
             for ball in self._balls:
                 shortened[ball.strength] = min(shortened[ball.strength], bound * ball.most)
             found.append(shortened)
-        return found or [self._sampler(bound).plan([])[0]]
+        return [(0.0, start) for start in found or [self._sampler(bound).plan([])[0]]]
 
-    def _next_bound(
-        self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]
-    ) -> float | None:
-        """The middle of the gap between bounds in which there is most to find; None where there is none left."""
+    def _next_bounds(
+        self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial], near: float
+    ) -> list[float]:
+        """The middles of the gaps between bounds, that in which there is most to find first.
+
+        A gap ends at the strength of the best design within its larger bound.
+        """
         known = sorted({b for b in map(_bound_of, [*trials, *running]) if b is not None})
         if not known or known[-1] < 1.0:
-            return 1.0
+            return [1.0]
         gaps: list[tuple[float, float]] = []  # what there is to find, middle
-        for low, high in zip([0.0, *known], known, strict=False):
-            change = math.log(self._distance(low, trials) / self._distance(high, trials))
-            if high - low >= NARROWEST and change > LEAST_PROGRESS:
+        for low, bound in zip([0.0, *known], known, strict=False):
+            best = self._best(trials, bound)
+            high = bound if best is None else self._strength(best.params)
+            farther = max(self._distance(low, trials), near)
+            change = math.log(farther / max(self._distance(bound, trials), near))
+            if high - low >= NARROWEST * high and change > LEAST_PROGRESS:
                 gaps.append(((high - low) * change, (low + high) / 2))
-        return max(gaps, default=(0.0, None))[1]
+        return [middle for _, middle in sorted(gaps, reverse=True)]
 
     def _distance(self, bound: float, trials: Sequence[FrozenTrial]) -> float:
-        """The least distance within a bound, as far as it matters."""
+        """The least distance within a bound."""
         best = self._best(trials, bound)
-        return max(self._far if best is None else float(best.values[0]), self._near, 1e-300)
+        return self._far if best is None else max(float(best.values[0]), 1e-300)
 
 
 def _wins_little(trial: FrozenTrial, trials: Sequence[FrozenTrial]) -> bool:
-    """True if a trial is a step that was hardly better than what it began from."""
-    origin = trial.system_attrs[PLAN]["from"]
-    before = next((t for t in trials if t.number == origin), None)
-    return before is not None and not (
-        counted(trial) and trial.values[0] < (1.0 - LEAST_PROGRESS) * before.values[0]
-    )
+    """True if a trial is a step that was better than what it began from, but hardly."""
+    plan = trial.system_attrs[PLAN]
+    before = next((t for t in trials if t.number == plan["from"]), None)
+    if before is None or not counted(trial):
+        return False
+    return bool(1.0 - LEAST_PROGRESS < trial.values[0] / before.values[0] <= 1.0)
+
+
+def _promises(kept: Mapping[str, Any], trials: Sequence[FrozenTrial]) -> bool:
+    """True if a step is worth a trial by what it promises."""
+    cost = next(cost_of(t) for t in trials if t.number == kept["from"])
+    return bool(kept["promised"] > (1.0 - (1.0 - LEAST_PROGRESS) ** 2) * cost)
 
 
 def _is_among(params: Mapping[str, float], known: Sequence[Mapping[str, Any]]) -> bool:

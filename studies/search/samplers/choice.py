@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
 
     from magmpm.studies.problem.study import Study
-    from magmpm.studies.search.samplers.bounded_front import Improve
+    from magmpm.studies.search.samplers.bounded_front import Foretells
 
 POOR = (
     0.04  # of the length: a rod's design whose body is farther from the target is on another branch
@@ -260,7 +260,7 @@ def make_sampler(
     starts: Sequence[Mapping[str, float]] = (),
     goal: float = 0.0,
     front: bool = False,
-    improve: Improve | None = None,
+    model: Foretells | None = None,
 ) -> BaseSampler:
     """Make the sampler that chooses the trial after a number of finished trials.
 
@@ -281,8 +281,8 @@ def make_sampler(
     front : bool, default False
         Whether its trials are to spread over a ladder of bounds of the field
         (bounded_front.BoundedFront).
-    improve : Improve, optional
-        Makes the designs with which each of these bounds begins.
+    model : Foretells, optional
+        Makes the designs with which each of these bounds begins, and foretells steps.
 
     Returns
     -------
@@ -309,7 +309,7 @@ def make_sampler(
             near = goal or ALIKE_ON_FRONT * length
             poor = POOR * length
             return BoundedFront(
-                blocks, seed, starts=starts, near=near, poor=poor, far=length, improve=improve
+                blocks, seed, starts=starts, near=near, poor=poor, far=length, model=model
             )
         if name == "gauss-newton":
             from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -130,6 +130,9 @@ class GaussNewtonSampler(PlanningSampler):
         Value that is good enough: a descent above it is left once it hardly moves.
     poor : float, default math.inf
         Value above which a given design is not improved before others are tried.
+    foretell : callable, optional
+        Foretells a design's residuals (m,), or None. As much as it foretells them to change along a
+        step, they are taken to change: a step that then leads farther away is made shorter.
     """
 
     def __init__(
@@ -140,9 +143,11 @@ class GaussNewtonSampler(PlanningSampler):
         starts: Sequence[Mapping[str, float]] = (),
         goal: float = 0.0,
         poor: float = math.inf,
+        foretell: Callable[[Mapping[str, float]], Array | None] | None = None,
     ) -> None:
         super().__init__(blocks, seed, starts)
         self._space = Coordinates(blocks)
+        self._foretell = foretell
         self._goal = goal
         self._poor = poor
 
@@ -163,6 +168,10 @@ class GaussNewtonSampler(PlanningSampler):
             curvature = self._curvature(free[-1], known, x, jacobian)
             step = self._space.step(x, residuals, jacobian, radius, curvature)
             there = self._space.write(self._space.moved(x, step.p))
+            while radius > LEAST_RADIUS and self._leads_away(base, there):
+                radius = step.length / 2
+                step = self._space.step(x, residuals, jacobian, radius, curvature)
+                there = self._space.write(self._space.moved(x, step.p))
             stuck = self._stuck(base, step, radius, free[-1], known)
             if not stuck and not self._seen(there, trials):
                 kept = {
@@ -289,6 +298,24 @@ class GaussNewtonSampler(PlanningSampler):
             plan = earlier.system_attrs.get(PLAN) if earlier is not None else None
             earlier = None if plan is None or plan["from"] is None else known[plan["from"]]
         return earlier is not None and cost_of(base) > 0.75**2 * cost_of(earlier)
+
+    def _leads_away(self, base: FrozenTrial, there: Mapping[str, float]) -> bool:
+        """True if a step from a trial is foretold to lead farther away."""
+        before = None if self._foretell is None else self._foretell(base.params)
+        if self._foretell is None or before is None:
+            return False
+        after = self._foretell(there)
+        if after is None:
+            return True
+        residuals, _ = model_of(base)
+        change = after - before
+        # many residuals are stored as fewer, of the same norm: then they may cancel the change
+        left = (
+            residuals + change
+            if len(residuals) == len(change)
+            else np.linalg.norm(change) - np.linalg.norm(residuals)
+        )
+        return bool(np.sum(left**2) > cost_of(base))
 
     def _start_at(self, index: int) -> dict[str, float]:
         """The given design, or after them the point of the sequence."""
