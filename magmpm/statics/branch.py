@@ -278,7 +278,7 @@ class EquilibriumPath:
         ):  # here the one that vanishes counts, though it may be as good as zero already
             last = replace(last, lowest=lowest - self._near.definite.shift)
         energy = alone
-        kind = self._kind(energy, last, past, mode)
+        kind = self._kind(energy, last, past, mode, lowest)
         critical = 0.5 * (last.time + past)
         if self.before is not None:
             critical = _zero_of(kind, self.before, last, past)
@@ -296,19 +296,24 @@ class EquilibriumPath:
         released = point_of(energy.model, begin.grid).energy - found.energy
         return Jump(critical, kind, past - last.time, moved, released, landing)
 
-    def _kind(self, energy: Energy, last: Reached, past: float, mode: Array) -> Kind:
+    def _kind(self, energy: Energy, last: Reached, past: float, mode: Array, lowest: float) -> Kind:
         """Decide whether the branch turns back there (its direction is the mode) or goes on unstable (its direction is free of the mode).
 
-        energy: at the last state, with its factored tangent.
+        energy: at the last state, with its factored tangent; lowest: that tangent's eigenvalue, of the mode. A load that does work on the
+        mode moves the body along it by as much more as its eigenvalue is smaller; so does what is left of a solve, there. So where a load
+        would, at the stiffness of the undeformed body, move it less than a hundredth as far along the mode as in other ways, the branch
+        goes on.
         """
         mass = self._near.definite.mass(energy)
         layout = energy.model.layout
+        least = 1.0
         if self.loads.at(past).layout is layout:
             moved = self.loads.moved(last.point.grid, last.time, past)
             after = self.energy_at(past)
             direction = (
                 moved - last.point.grid - energy.matrix.solve(after.residual(after.at(moved)))
             )
+            least = max(0.01 * self._near.definite.free(energy) / lowest, 1.0)
         elif self.before is not None:
             direction = last.point.grid - self.loads.carried(
                 self.before.point.grid, self.before.time, last.time
@@ -317,7 +322,7 @@ class EquilibriumPath:
             return "limit point"
         along = float(np.sum(mass * direction * mode)) ** 2
         whole = float(np.sum(mass * direction**2) * np.sum(mass * mode**2))
-        return "limit point" if along > 0.5 * whole else "bifurcation"
+        return "limit point" if along > least**2 * (whole - along) else "bifurcation"
 
     def _fall(self, energy: Energy, begin: Point, mode: Array) -> Point:
         """The minimum that the body falls to from just past the end of a branch."""

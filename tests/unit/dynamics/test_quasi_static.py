@@ -127,6 +127,19 @@ def test_a_straight_catheter_buckles_at_its_load() -> None:
     )  # linear in the load, to zero at the critical one
 
 
+def test_a_column_followed_in_fine_steps_does_not_turn_back() -> None:
+    """Steps of half a per cent end next to the critical load, where what a solve leaves along the mode is more than what the load does."""
+    against = {"uniform": [-8e-3, 0.0, 0.0], "over_time": {"ramp": {"duration": 1.0}}}
+    near = [0.3454 * (0.95 + 0.005 * k) for k in range(13)]
+    data = scene({"at": [0.0, 0.1727, 0.31086, *near]}, length=50e-3, field=against).to_si()
+    data["body"]["catheter"]["diameter"] = 2.2e-3
+    data["materials"]["m"] |= {"shear_modulus": 200e3, "remanence": 80e-3, "density": 1900.0}
+    path = Scene.from_si(data)
+    (jump,) = run(path).jumps
+    assert jump["kind"] == "bifurcation"
+    assert jump["field"] == pytest.approx(column(path).critical_field, rel=0.01)
+
+
 def strip(frames: list[dict[str, Any]], steps: int) -> Scene:
     """A strip in plane strain, which can only bend up and down, in a uniform field that keyframes give."""
     body = {
