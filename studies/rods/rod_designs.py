@@ -283,7 +283,9 @@ def rod_starts(
 
 
 class RodForetells:
-    """What the rod foretells of a study of directions and one field, for a front of the distance and the field (bounded_front).
+    """Forecasts of the rod for a study of directions and one field: a model of a front of the distance and the field (bounded_front).
+
+    unloaded: distance (m) of the rod from the target in no field.
 
     Parameters
     ----------
@@ -291,11 +293,6 @@ class RodForetells:
         The search space.
     problem : DescendingRods
         The descents within its greatest field.
-
-    Attributes
-    ----------
-    unloaded : float, m
-        Distance of the rod from the target in no field.
     """
 
     def __init__(self, space: SearchSpace, problem: DescendingRods) -> None:

@@ -37,21 +37,39 @@ Start = tuple[float, dict[str, float]]
 
 
 class Foretells(Protocol):
-    """A quick model of the problem.
-
-    Attributes
-    ----------
-    unloaded : float
-        Distance of all designs at zero strength.
-    """
+    """Quick model of the problem; unloaded: distance (m) of all designs at zero strength."""
 
     unloaded: float
 
     def improved(self, share: float, designs: Sequence[Mapping[str, float]]) -> list[Start]:
-        """Make, from designs of any strength, better ones within a bound, a share of the greatest; best first."""
+        """Improve designs within a bound.
+
+        Parameters
+        ----------
+        share : float
+            The bound, as a share of the greatest.
+        designs : sequence of Mapping[str, float]
+            Of any strength.
+
+        Returns
+        -------
+        list of Start
+            Better ones, best first.
+        """
 
     def residuals(self, design: Mapping[str, float]) -> Array | None:
-        """Foretell the residuals of a design; None where that can't be."""
+        """Foretell the residuals of a design.
+
+        Parameters
+        ----------
+        design : Mapping[str, float]
+            Its parameters.
+
+        Returns
+        -------
+        array (m,) or None
+            The residuals; None where they can't be foretold.
+        """
 
 
 BOUND = (  # in a trial's plan: the bound within which it was sought, as a share of the greatest
