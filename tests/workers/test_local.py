@@ -146,12 +146,15 @@ def test_a_design_that_ended_two_processes_is_given_up_and_the_next_one_begins_a
 def test_a_worker_that_hangs_is_ended_and_its_design_taken_up(
     workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And a design that hangs as often as it may counts as failed, with the reason."""
+    """And a design that hangs as often as it may counts as failed, with the reason.
+
+    The limit is a hundred times a solve, which a machine that others keep busy may take thirty times as long for.
+    """
     says = "took too long for a design and were ended (--time-limit): 1"
     (reason,) = poisoned(
-        session.HANGING, says, tmp_path, monkeypatch, workers=workers, time_limit=3.0
+        session.HANGING, says, tmp_path, monkeypatch, workers=workers, time_limit=10.0
     )
-    assert reason == "the process that solved it ended after 3 s without an answer, 1 times"
+    assert reason == "the process that solved it ended after 10 s without an answer, 1 times"
 
 
 @pytest.mark.slow

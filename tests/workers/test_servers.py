@@ -80,33 +80,40 @@ def killed_now_and_then(
     sessions = {k: session(study, folder / f"out{k}", 2, url) for k in range(2)}
     seen: dict[int, tuple[float, ...]] = {}
     done = 0
-    until = time.monotonic() + 300
-    while any(child.poll() is None for child in sessions.values()):
-        assert time.monotonic() < until, "the study does not end"
-        time.sleep(drawn.uniform(0.2, 1.2))
-        seen |= seen_now(look, study.stem)
-        if done >= kills or len(seen) > WANTED - 8:
-            continue
-        k = drawn.randrange(2)
-        try:
-            family = psutil.Process(sessions[k].pid)
-            workers = [
-                child
-                for child in family.children()
-                if "magmpm.studies.engine.workers.pool" in " ".join(child.cmdline())
-            ]
-            victim = family if drawn.random() < 0.5 or not workers else drawn.choice(workers)
-            victim.send_signal(signal.SIGKILL)
-            done += 1
-            if victim is family:
-                said += sessions[k].communicate()
-                sessions[k] = session(study, folder / f"out{k}", 2, url)
-        except psutil.NoSuchProcess:
-            continue
-    for child in sessions.values():
-        out, err = child.communicate()
-        said += [out, err]
-        assert child.returncode == 0, err
+    try:
+        until = time.monotonic() + 300
+        while any(child.poll() is None for child in sessions.values()):
+            assert time.monotonic() < until, "no trial in 300 s: the study does not go on"
+            time.sleep(drawn.uniform(0.2, 1.2))
+            before = len(seen)
+            seen |= seen_now(look, study.stem)
+            if len(seen) > before:
+                until = time.monotonic() + 300
+            if done >= kills or len(seen) > WANTED - 8:
+                continue
+            k = drawn.randrange(2)
+            try:
+                family = psutil.Process(sessions[k].pid)
+                workers = [
+                    child
+                    for child in family.children()
+                    if "magmpm.studies.engine.workers.pool" in " ".join(child.cmdline())
+                ]
+                victim = family if drawn.random() < 0.5 or not workers else drawn.choice(workers)
+                victim.send_signal(signal.SIGKILL)
+                done += 1
+                if victim is family:
+                    said += sessions[k].communicate()
+                    sessions[k] = session(study, folder / f"out{k}", 2, url)
+            except psutil.NoSuchProcess:
+                continue
+        for child in sessions.values():
+            out, err = child.communicate()
+            said += [out, err]
+            assert child.returncode == 0, err
+    finally:
+        for child in sessions.values():
+            child.kill()  # of no effect on one that has ended
     assert done >= min(kills, 3)
     nothing_lost_or_doubled(trials_of(look, study.stem), seen, WANTED)
     return said
