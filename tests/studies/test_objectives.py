@@ -212,6 +212,13 @@ def test_a_bound_as_second_objective_is_a_ladder_of_bounds(
     assert len({tuple(t.params.values()) for t in trials}) == len(trials), (
         "no design is solved twice"
     )
+    plans = [t.system_attrs["gauss_newton:plan"] for t in trials]
+    begun = [plan["bound"] for plan in plans if plan["from"] is None]
+    assert len(set(begun)) == len(begun), "where the body is as the rod foretells, no twin is tried"
+    for step, plan in zip(trials, plans, strict=True):
+        if plan["from"] is not None:
+            before = trials[plan["from"]].values[0]
+            assert step.values[0] <= before + 0.04 * 0.04, "no step ends on another branch"
     values = [entry["values"] for entry in report.summary()["pareto"]]
     assert min(rms for rms, field in values if field <= 6.5e-3) < 0.01 * 0.04
     assert report.limits == []
