@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -25,9 +26,10 @@ from magmpm.bodies.body_shape import BodyShape, Discretization, Region
 from magmpm.bodies.contact_solid import NEEDLE, Solids, meets, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, cut, parts_surface
 from magmpm.bodies.curves import face_normals
-from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
+from magmpm.bodies.grid import AT_REST, EVEN, ClampPlane, Grid, Knots, TurnedGrid
 from magmpm.bodies.mesh_quadrature import (
     TOUCHING_DISTANCE,
+    axes_of_parts,
     connected_components,
     grid_of_parts,
     part_errors,
@@ -282,9 +284,7 @@ class Parts(BodyShape):
     def part_names(self) -> tuple[str, ...]:
         return different_names([part.name for part in self.meshes])
 
-    def tip_weights(
-        self, grid: Grid, particles: Particles, order: Sequence[int] = (0, 1, 2)
-    ) -> Array | None:
+    def tip_weights(self, grid: Grid, particles: Particles) -> Array | None:
         if self.tip is None:
             return None
         if isinstance(self.tip, str):
@@ -295,7 +295,7 @@ class Parts(BodyShape):
         part = particles.segment == self._nearest(point)[1]
         held = np.array([part.clamp for part in self.meshes])[particles.segment]
         mine = (component == component[part][0]) & ~held
-        return point_weights(grid, particles, mine, point[list(order)])
+        return point_weights(grid, particles, mine, point)
 
     def part_thickness(self, index: int) -> float:
         """Thickness of a part, m: see surface_mesh.thickness_of."""
@@ -395,21 +395,29 @@ class Parts(BodyShape):
         return "body.parts.spacing", f"{1e3 * self.spacing:.4g} mm", "a larger spacing"
 
     def grid(self, cells_across: int, knots: Knots = EVEN) -> Grid:
-        """The grid in the undeformed body: knots on the box around the parts that move. Raises SceneError where it has too many cells."""
-        return self._grid(cells_across)[0]
+        """The grid in the undeformed body: knots on the box around the parts that move. Raises SceneError where it has too many cells;
+        ValueError for knots that are those of a straight body."""
+        return self._grid(cells_across, knots)[0]
 
-    def _grid(self, cells_across: int) -> tuple[Grid, list[ClampPlane]]:
-        return grid_of_parts(
-            self.triangles(), [part.clamp for part in self.meshes], self.cell_size(cells_across)
-        )
+    def _grid(self, cells_across: int, knots: Knots) -> tuple[TurnedGrid, list[ClampPlane]]:
+        """The grid, at rest along axes in which it has few cells, and the planes on which held parts hold the others."""
+        if knots not in (EVEN, AT_REST):
+            raise ValueError("knots: the grid of parts follows from their meshes")
+        size = self.cell_size(cells_across)
+        triangles = self.triangles()
+        held = [part.clamp for part in self.meshes]
+        free = [mesh for mesh, still in zip(triangles, held, strict=True) if not still]
+        axes = axes_of_parts(free, size) if knots.at_rest else np.eye(3)
+        grid, planes = grid_of_parts([mesh @ axes for mesh in triangles], held, size)
+        return TurnedGrid(grid.origin, grid.spacing, grid.cells, axes=axes), planes
 
     def discretize(
         self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN
     ) -> Discretization:
-        if knots != EVEN:
-            raise ValueError("knots: the grid of parts follows from their meshes")
-        triangles, (grid, planes) = self.triangles(), self._grid(cells_across)
-        particles = part_particles(grid, triangles, particles_per_cell)
+        grid, planes = self._grid(cells_across, knots)
+        triangles = self.triangles()
+        made = part_particles(grid, [mesh @ grid.axes for mesh in triangles], particles_per_cell)
+        particles = replace(made, position=made.position @ grid.axes.T)
         return Discretization(grid, particles, part_errors(particles, triangles), tuple(planes))
 
     def fewest_particles(

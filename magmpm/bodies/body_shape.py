@@ -4,7 +4,6 @@ A new kind of body is one file with a class like those in catheter.py, strip.py 
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -154,13 +153,8 @@ class BodyShape(Settings):
         """Names of its parts, each another; none of a body that is not made of parts."""
         return ()
 
-    def tip_weights(
-        self, grid: Grid, particles: Particles, order: Sequence[int] = (0, 1, 2)
-    ) -> Array | None:
-        """Weights (n,) that give the named tip's position from the particles'; None where no tip is named.
-
-        order: reference axis of each axis of the grid, along which the particles' positions are given.
-        """
+    def tip_weights(self, grid: Grid, particles: Particles) -> Array | None:
+        """Weights (n,) that give the named tip's position from the particles'; None where no tip is named."""
         return None
 
     def components(self, particles: Particles) -> Index:

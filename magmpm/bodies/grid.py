@@ -12,7 +12,7 @@ of jointed bodies fall with the square of the cell size in this way, and only wi
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 
@@ -316,6 +316,21 @@ class Grid:
 
 
 @dataclass(frozen=True)
+class TurnedGrid(Grid):
+    """A grid along axes (3, 3) of its own, in columns: a rotation. Its origin is meant along these; points stay in x, y, z."""
+
+    axes: Array = field(kw_only=True)
+
+    def axes_at(self, points: Array) -> Array:
+        """The directions of its axes, in columns (3, 3)."""
+        return self.axes
+
+    def own(self, points: Array, cell: Index) -> Array:
+        """Coordinates (n, 3) m along its axes of points (n, 3) m."""
+        return points @ self.axes
+
+
+@dataclass(frozen=True)
 class ClampPlane:
     """A face of the grid's cells on which all that is held holds the rest: the grid has its knots there.
 
@@ -338,8 +353,8 @@ LEAST_JOINT_DISTANCE_AT_REST = 0.02
 class Knots:
     """Layout of the cells in a straight body. joints: the segments at whose far end the stiffness jumps; from_tip: cells of the requested
     size are counted from the tip, or from the next joint, and the one nearest to the base takes the remainder; like: the grid of nearly the
-    same body, for as many cells everywhere; at_rest: in an equilibrium joints may be near each other, and the cells of a tube lie around
-    its axis (bodies.polar_grid)."""
+    same body, for as many cells everywhere; at_rest: in an equilibrium joints may be near each other, the cells of a tube lie around
+    its axis (bodies.polar_grid), and those of parts along their faces."""
 
     joints: tuple[int, ...] = ()
     from_tip: bool = False
@@ -348,6 +363,7 @@ class Knots:
 
 
 EVEN = Knots()
+AT_REST = Knots(at_rest=True)
 
 
 def runs_along(

@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from magmpm.bodies.grid import EVEN, Knots
+from magmpm.bodies.grid import AT_REST, EVEN, Knots
 from magmpm.errors import InputError
 from magmpm.scene.scene import Scene
 
@@ -46,14 +46,11 @@ def coarsest_cells(scene: Scene) -> int:
 
 
 def knots_of(scene: Scene) -> Knots:
-    """Layout of the cells in a straight body; around a tube's axis in statics alone."""
+    """Layout of the cells in a body; around a tube's axis, and along the faces of parts, in statics alone."""
+    at_rest = scene.static and scene.effects.self_contact is None
     if scene.body.shape.line is None:
-        return EVEN
+        return AT_REST if at_rest else EVEN
     used = [scene.materials[region.material_name] for region in scene.regions()]
     moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
     joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
-    return Knots(
-        joints,
-        scene.resolution.from_tip is True,
-        at_rest=scene.static and scene.effects.self_contact is None,
-    )
+    return Knots(joints, scene.resolution.from_tip is True, at_rest=at_rest)

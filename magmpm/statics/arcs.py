@@ -84,11 +84,10 @@ def rest_nodes(model: StaticModel) -> Array:
     """Positions (planes, nodes, 3) m of the nodes of the undeformed grid, in x, y, z."""
     grid = model.grid
     layout = model.layout
-    first, second, third = model.order
     X = np.empty((layout.planes, layout.nodes_per_plane, 3))
-    X[..., first] = grid.node_coordinates(0)[int(model.clamped_face) :, None]
-    X[..., second], X[..., third] = grid.section_nodes(layout.node_yz).T
-    return X
+    X[..., 0] = grid.node_coordinates(0)[int(model.clamped_face) :, None]
+    X[..., 1:] = grid.section_nodes(layout.node_yz)
+    return X @ model.frame.T
 
 
 def along_arc(model: StaticModel, grid: Array, direction: Array, fraction: float) -> Array:

@@ -114,15 +114,13 @@ def lowest_mode(energy: Energy, mass: Array, but: Array | None = None) -> tuple[
     model = energy.model
     layout = energy.model.layout
     x = model.plane_coordinates()
-    _, second, third = model.order
     d = (
         1e-6
         * np.random.default_rng(0).standard_normal((layout.planes, layout.m))
         * float(np.ptp(x)) ** 2
     )
-    d[:, third::3] += ((x - x[0]) ** 2)[:, None]
-    d[:, second::3] += 1e-3 * ((x - x[0]) ** 2)[:, None]
-    energy.free(d)
+    aside = np.tile(model.frame @ [0.0, 1e-3, 1.0], layout.nodes_per_plane)
+    d = energy.free(d + np.outer((x - x[0]) ** 2, aside))
     lowest = np.inf
     for _ in range(40):
         if but is not None:

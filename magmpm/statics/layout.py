@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Grid
+from magmpm.bodies.grid import TurnedGrid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.errors import SceneError, dotted, lengths
@@ -148,11 +148,6 @@ class StaticModel(Model):
     # of what is outside of a guide: the same part of another scene's body
     again: "Callable[[Scene], StaticModel] | None" = None
 
-    @cached_property
-    def tip_weights(self) -> Array | None:
-        particles = replace(self.particles, position=self.particles.position[:, list(self.order)])
-        return self.scene.body.shape.tip_weights(self.grid, particles, self.order)
-
     @property
     def dof(self) -> int:
         """Number of unknowns."""
@@ -172,6 +167,11 @@ class StaticModel(Model):
         for name, nodes in driven_nodes(self):
             out[on_planes(self, nodes, self.layout.node_yz)] = by.get(name, np.zeros(3))
         return out.reshape(self.layout.planes, -1)
+
+    @property
+    def frame(self) -> Array:
+        """Directions (3, 3), in columns, of the body's first, second and third axis: of a straight body x, y and z."""
+        return np.eye(3) if self.line is not None else self.axes
 
     def along_axes(self, vectors: Array) -> Array:
         """Components (n, 3) along the grid's axes of a vector (n, 3) at each particle."""
@@ -207,7 +207,7 @@ def static_model(model: Model) -> StaticModel:
             rule="equilibrium needs a body that is held somewhere",
             remedy="clamp it, or simulate its motion: `solver: {dynamic: {duration: 0.5 s}}`",
         )
-    axes = model.grid.axes_at(model.particles.position)
+    axes = np.ascontiguousarray(model.grid.axes_at(model.particles.position))
     layout = make_layout(model, weights, bonds, across_gaps)
     about = {name: vars(model)[name] for name in Model.__dataclass_fields__}
     touching = (
@@ -228,8 +228,6 @@ def static_model(model: Model) -> StaticModel:
         pairs=pairs,
         across_gaps=across_gaps,
     )
-    if axes.ndim == 2:
-        return made
     magnet = np.column_stack([made.along_axes(model.remanence[:, :3]), model.remanence[:, 3:]])
     return replace(made, remanence=magnet)
 
@@ -368,7 +366,8 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
             model.held & (not model.driven),
         )
     )
-    grid = Grid(model.grid.origin[axes], model.grid.spacing[axes], cells)
+    frame = np.ascontiguousarray(model.frame[:, axes])
+    grid = TurnedGrid(model.grid.origin[axes], model.grid.spacing[axes], cells, axes=frame)
     particles = Particles(p.position[of], p.volume[of], p.segment[of], cell[of])
     ratio = (model.bulk / model.shear)[of]
     turned = replace(
@@ -388,7 +387,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         driven=tuple(
             (name, np.ascontiguousarray(nodes.transpose(axes))) for name, nodes in model.driven
         ),
-        axes=np.ascontiguousarray(np.eye(3)[:, axes]),
+        axes=frame,
         order=order,
         across_gaps=tuple(mask.transpose(axes) for mask in model.across_gaps),
     )

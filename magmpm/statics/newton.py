@@ -297,12 +297,9 @@ def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
     layout = energy.model.layout
     model = energy.model
     x = model.plane_coordinates()
-    d = np.zeros((layout.planes, layout.m))
     # A straight rod buckles toward +z unless a load decides otherwise. Each attempt starts from another mix of bending.
-    _, second, third = model.order
-    d[:, third::3] = (x**2)[:, None]
-    d[:, second::3] = 1e-3 * attempt * (x**2)[:, None]
-    energy.free(d)
+    aside = model.frame @ [0.0, 1e-3 * attempt, 1.0]
+    d = energy.free(np.outer(x**2, np.tile(aside, layout.nodes_per_plane)))
     for _ in range(40):
         d = energy.matrix.solve(d)
         d /= np.abs(d).max()

@@ -176,20 +176,18 @@ def _start(energy: Energy) -> Array:
     x = model.plane_coordinates()
     x = (x - x[0]) / (x[-1] - x[0])
     y, z = (model.grid.section_nodes(layout.node_yz) - model.grid.origin[1:]).T
-    first, second, third = model.order
-    out = np.zeros((layout.planes, COLUMNS, layout.nodes_per_plane, 3))
-    out[:, 0, :, second] = (1.0 + x**2)[:, None]
-    out[:, 1, :, third] = (1.0 + x**2)[:, None]
+    out = np.zeros((layout.planes, COLUMNS, layout.nodes_per_plane, 3))  # along the body's axes
+    out[:, 0, :, 1] = (1.0 + x**2)[:, None]
+    out[:, 1, :, 2] = (1.0 + x**2)[:, None]
     middle = [
         (one - one.mean()) / np.ptp(one) if np.ptp(one) > 0.0 else np.zeros(len(one))
         for one in (y, z)
     ]  # in plane strain one y
-    out[:, 2, :, second], out[:, 2, :, third] = (
-        -(1.0 + x)[:, None] * middle[1],
-        (1.0 + x)[:, None] * middle[0],
-    )
-    out[:, 2, :, first] = 0.1 * (1.0 + x)[:, None]
-    return energy.free_columns(out.reshape(layout.planes, COLUMNS, layout.m))
+    out[:, 2, :, 1] = -(1.0 + x)[:, None] * middle[1]
+    out[:, 2, :, 2] = (1.0 + x)[:, None] * middle[0]
+    out[:, 2, :, 0] = 0.1 * (1.0 + x)[:, None]
+    turned = out @ model.frame.T
+    return energy.free_columns(turned.reshape(layout.planes, COLUMNS, layout.m))
 
 
 def _lumped(energy: Energy) -> Array:

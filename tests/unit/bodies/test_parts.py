@@ -10,9 +10,16 @@ import pytest
 import yaml
 from reference.moving import resting_scene
 from reference.solids import ball, box, stl_text, turned
+from scipy.spatial.transform import Rotation
 
-from magmpm.bodies.grid import Grid
-from magmpm.bodies.mesh_quadrature import cell_moments, grid_of_parts, part_errors, part_particles
+from magmpm.bodies.grid import AT_REST, Grid, Knots
+from magmpm.bodies.mesh_quadrature import (
+    axes_of_parts,
+    cell_moments,
+    grid_of_parts,
+    part_errors,
+    part_particles,
+)
 from magmpm.bodies.shells import shells_of, solid_of, solids_of
 from magmpm.bodies.surface_mesh import (
     PREFIX,
@@ -267,6 +274,67 @@ def test_volumes_are_exact_whatever_order_the_triangles_have(seed: int) -> None:
         apart = np.abs(np.array(list(one))[:, None] - np.array(list(other)) - shift)
         want = np.clip(1 - apart, 0, None).prod(axis=2).sum()
         assert (solids[0] ^ solids[1].translate(shift)).volume() == pytest.approx(want, abs=1e-10)
+
+
+CROSS = [((4, -2, -0.6), (18, 2, 0.6)), ((-2, 4, -0.6), (2, 18, 0.6))]
+AXIS = np.array([1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.7])
+@pytest.mark.parametrize("digits", [4, 9])
+def test_cells_lie_along_the_faces_of_turned_boxes(angle: float, digits: int) -> None:
+    """Two arms: as many particles as straight ones have, each where it is turned to. Files have so many digits after the point (mm): the
+    faces are known to 1e-5 rad at four, and the grid to 1e-4 of the arms' 18 mm."""
+    scenes = []
+    for one in (0.0, angle):
+        meshes = [turned(box((-4, -4, -1), (4, 4, 1)), AXIS, one)]
+        meshes += [turned(box(low, high), AXIS, one) for low, high in CROSS]
+        known = [Mesh(mesh.vertices.round(digits), mesh.faces) for mesh in meshes]
+        scenes.append(parts_scene(*({"mesh": m, "clamp": m is known[0]} for m in known)))
+    straight, oblique = (build(scene) for scene in scenes)
+    np.testing.assert_array_equal(straight.grid.axes, np.eye(3))
+    turn = Rotation.from_rotvec(angle * AXIS / np.linalg.norm(AXIS)).as_matrix()
+    np.testing.assert_allclose(oblique.grid.axes, turn, atol=10.0 ** (1 - digits))
+    assert oblique.grid.cells == straight.grid.cells
+    np.testing.assert_allclose(
+        oblique.particles.position @ turn,
+        straight.particles.position,
+        atol=20 * 10.0 ** (-3 - digits),
+    )
+    np.testing.assert_array_equal(oblique.particles.cell, straight.particles.cell)
+
+
+@pytest.mark.parametrize(
+    ("parts", "spacing"),
+    [
+        ([ball((0, 0, 0), 1.0)], 0.5),
+        ([turned(ball((0, 0, 0), 1.0), (1, 0, 0), 0.5)], 0.5),
+        ([box((0, 0, 0), (8, 2, 2)), turned(box((0, 0, 0), (7, 2, 2)), (1, 2, 3), 0.5)], 1.0),
+    ],
+    ids=["ball", "turned ball", "more faces along x, y, z"],
+)
+def test_cells_stay_along_x_y_z_where_others_save_none(parts: list[Mesh], spacing: float) -> None:
+    np.testing.assert_array_equal(
+        axes_of_parts([each.triangles for each in parts], spacing), np.eye(3)
+    )
+
+
+def test_cells_lie_along_the_larger_of_two_parts() -> None:
+    parts = [box((0, 0, 0), (7, 2, 2)), turned(box((0, 0, 0), (16, 2, 2)), (0, 1, 0), 0.5)]
+    axes = axes_of_parts([each.triangles for each in parts], 1.0)
+    np.testing.assert_allclose(axes, Rotation.from_rotvec([0, 0.5, 0]).as_matrix(), atol=1e-12)
+
+
+def test_motions_are_on_a_grid_along_x_y_z() -> None:
+    """Their kernels know no other axes."""
+    meshes = [{"mesh": turned(SOLIDS["box"], AXIS, 0.7), "clamp": held} for held in (True, False)]
+    mesh = meshes[1]["mesh"]
+    meshes[1]["mesh"] = Mesh(mesh.vertices + np.array([3.0, 0.0, 0.0]), mesh.faces)
+    scene = parts_scene(*meshes, field=(0.0, 0.0, 0.0), spacing=0.2e-3)
+    assert not np.array_equal(scene.body.shape.grid(2, AT_REST).axes, np.eye(3))
+    np.testing.assert_array_equal(scene.body.shape.grid(2).axes, np.eye(3))
+    with pytest.raises(ValueError, match="follows from their meshes"):
+        scene.body.shape.grid(2, Knots(from_tip=True))
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
