@@ -393,12 +393,15 @@ def _filled(
     time: float | None,
 ) -> Model:
     """The model of a scene's materials and these effects in the shape's grid and particles."""
-    particles = made.particles
-    of = made.particles.segment
     regions = shape.regions()
+    held = np.array([region.held for region in regions])
     materials = [scene.materials[region.material_name] for region in regions]
     ratio = np.array([material.bulk_to_shear for material in materials])
     planes, driven = driven_nodes(shape, made, scene.move) if scene.move else (made.planes, ())
+    particles = made.particles
+    if scene.static and shape.line is None:
+        particles = _in_pieces(scene, shape, particles, held & (not driven))
+    of = particles.segment
     averaged = scene.solver.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
     remanence = np.array([material.remanence for material in materials])
@@ -415,7 +418,7 @@ def _filled(
         effects=named,
         modes=volume_modes(made.grid, particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=made.errors,
-        held=np.array([region.held for region in regions])[of],
+        held=held[of],
         clamped_face=shape.clamp in {"base", "both"}
         and scene.effects.feed is None
         and "base" not in dict(driven),  # a guide holds: feed
@@ -424,6 +427,18 @@ def _filled(
         planes=planes,
         driven=driven,
         time=time,
+    )
+
+
+def _in_pieces(scene: Scene, shape: BodyShape, particles: Particles, still: Mask) -> Particles:
+    """Particles of parts as the steps of statics take them: each component by itself, where each has a grid, and those at rest last.
+
+    still (parts,): parts at rest. Cells of the others are in the order of the planes that they touch, as threads share them."""
+    alone = scene.effects.self_contact is not None
+    component = shape.components(particles) if alone else np.zeros(len(particles.volume))
+    of = np.lexsort((component, still[particles.segment]))
+    return Particles(
+        particles.position[of], particles.volume[of], particles.segment[of], particles.cell[of]
     )
 
 

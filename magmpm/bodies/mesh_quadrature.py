@@ -134,7 +134,7 @@ TOUCHING_DISTANCE = 1e-4
 
 def axes_of_parts(parts: list[Array], spacing: float) -> Array:
     """Axes (3, 3), in columns, of the grid with the fewest cells of about `spacing` m in parts (each (f, 3, 3) m) that can move: x, y, z
-    unless others save a twentieth of them.
+    unless others save a twentieth of them. The first is that of the longest side: planes of unknowns lie across it.
 
     Of V/h^3 + sum A (|n_x| + |n_y| + |n_z|)/(2 h^2) cells that parts of volume V are expected to meet, whose faces have areas A and normals
     n along the grid; but faces that lie along it are taken to lie on knots, and cut no cell. Axes are sought along the largest faces.
@@ -156,7 +156,8 @@ def axes_of_parts(parts: list[Array], spacing: float) -> Array:
         cut = float(area[oblique] @ along[oblique].sum(axis=1)) / 2
         return round(volume / spacing**3 + cut / spacing**2, 1)  # alike where rounding differs
 
-    x_y_z = np.eye(3)
+    axes = np.eye(3)
+    found = [axes]
     left = np.round(area / area.max(), 3)  # the same order however the parts are turned
     main: list[Array] = []
     while left.any() and len(main) < directions:
@@ -166,22 +167,19 @@ def axes_of_parts(parts: list[Array], spacing: float) -> Array:
         mean = (np.sign(side) * area)[with_it] @ normals[with_it]
         main.append(mean / np.linalg.norm(mean))
         left[with_it] = 0.0
-    found = [x_y_z]
     for one, other in permutations(main, 2):
-        beside = other - (other @ one) * one
-        third = np.cross(one, beside)
-        found.append(
-            np.stack([one, beside, third]).T / np.linalg.norm([one, beside, third], axis=1)
-        )
+        third = np.cross(one, other)
+        frame = np.stack([one, np.cross(third, one), third], axis=1)
+        found.append(frame / np.linalg.norm(frame, axis=0))
     best = min(found, key=cells)
-    if cells(best) > (1 - saved) * cells(x_y_z):
-        return x_y_z
-    from scipy.spatial.transform import Rotation  # 0.1 s to import, and few bodies are turned
+    if cells(best) < (1 - saved) * cells(axes):
+        from scipy.spatial.transform import Rotation  # 0.1 s to import, and few bodies are turned
 
-    # Of the same axes in other orders and senses, those that are turned least.
-    return np.asarray(
-        Rotation.from_matrix(best).reduce(right=Rotation.create_group("O")).as_matrix()
-    )
+        # Of the same axes in other orders and senses, those that are turned least.
+        least = Rotation.from_matrix(best).reduce(right=Rotation.create_group("O"))
+        axes = least.as_matrix()
+    sides = np.ptp(triangles.reshape(-1, 3) @ axes, axis=0)
+    return np.roll(axes, -int(np.argmax(np.round(sides / spacing))), axis=1)
 
 
 def grid_of_parts(

@@ -26,8 +26,8 @@ from magmpm.statics.axis import along
 from magmpm.statics.branch import Lift
 from magmpm.statics.contact import CONTACT_SETTLED, Held, Touched, change, followed, held_at
 from magmpm.statics.energy import Point
-from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
-from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.equilibrium import Equilibrium, solve_static
+from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.own_contact import HeldPairs, OwnContacts, changed, holding, released
 
 
@@ -54,9 +54,9 @@ class FieldLoads:
     """The load of a body that stays where it is: the field changes, and what holds the body moves. statics.branch.Loads."""
 
     def __init__(self, scene: Scene, time: float) -> None:
-        self.model = static_model(build(scene, time=time))
-        self._arranged, self._of = arranged(self.model)
-        self._lift = Lift(self._arranged)
+        self.whole = build(scene, time=time)
+        self.model = static_model(self.whole)
+        self._lift = Lift(self.model)
         self.held: Held | None = None  # by friction
         self._begun: tuple[Array, Held] | None = (
             None  # places (n, 3) m of the surface as the increment began, and how it was held then
@@ -72,11 +72,6 @@ class FieldLoads:
         own = self.model.scene.effects.self_contact
         self._rubs = own is not None and most_friction(self.model.scene, own.friction) > 0
 
-    @property
-    def whole(self) -> Model:
-        """The model of all particles."""
-        return self.model
-
     def bends(self, time: float) -> bool:
         """True if any part of the body can bend at a time, s."""
         return True
@@ -91,11 +86,11 @@ class FieldLoads:
 
     def at(self, time: float) -> StaticModel:
         """The model, with its axes as the solve needs them, under the load of a time, s."""
-        surface = self._arranged.touching
+        surface = self.model.touching
         touching = None if surface is None else replace(surface, held=self.held)
-        pairs = self._arranged.pairs
+        pairs = self.model.pairs
         return replace(
-            self._arranged,
+            self.model,
             effects=self._named(time),
             time=time,
             touching=touching,
@@ -120,7 +115,7 @@ class FieldLoads:
         return True
 
     def _hold_points(self, time: float, point: Point) -> bool:
-        surface = self._arranged.touching
+        surface = self.model.touching
         if surface is None or not self._rough:
             return False
         now = held_at(
@@ -137,7 +132,7 @@ class FieldLoads:
 
     def let_slide(self, point: Point) -> None:
         """Begin an increment at an equilibrium: anchors follow the points that slid."""
-        surface = self._arranged.touching
+        surface = self.model.touching
         if self.held is not None and surface is not None:
             was = surface.positions(point.grid)
             self.held = followed(self.held, was)
@@ -158,22 +153,21 @@ class FieldLoads:
     def shape(self, time: float, point: Point | None) -> EquilibriumShape:
         """The body at an equilibrium of a time, s."""
         assert point is not None  # it always bends
-        found = restored(self._arranged, point, self._of)
-        model = replace(self.model, time=time)
+        model = self.model
         tip = (
-            measures.named_tip(model, found.position)
+            measures.named_tip(model, point.position)
             if model.line is None
             else axis.tip(model, point.grid)
         )
         rows = axis.centreline(model, point.grid)
         return EquilibriumShape(
-            model,
-            found.position,
-            found.F,
+            replace(self.whole, time=time),
+            point.position,
+            point.F @ np.swapaxes(model.axes, -1, -2),  # along x, y, z, as in motions
             rows,
             tip,
-            found.min_det_F,
-            found.max_det_F,
+            point.min_det_F,
+            point.max_det_F,
             model.dof,
             point.touched,
             point.own,

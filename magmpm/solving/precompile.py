@@ -55,7 +55,7 @@ from magmpm.scene.variables import variables
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import UnknownsLayout, arranged, static_model
+from magmpm.statics.layout import UnknownsLayout, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.rod_start import straight
 from magmpm.statics.stability import mass
@@ -365,7 +365,7 @@ def _built(small: Scene) -> Model:
 
 def _at_rest(small: Scene) -> tuple[Energy, Point]:
     """The energy of a body, and its undeformed state."""
-    energy = Energy(arranged(static_model(_built(small)))[0])
+    energy = Energy(static_model(_built(small)))
     model = energy.model
     n = len(energy.model.shear)
     rest = np.broadcast_to(model.axes, (n, 3, 3)).copy()
@@ -379,7 +379,7 @@ def _tangent(small: Scene) -> None:
 
 
 def _energy(small: Scene) -> None:
-    energy = Energy(arranged(static_model(_built(small)))[0])
+    energy = Energy(static_model(_built(small)))
     point = energy.at(straight(energy.model))
     energy.residual(point)
     if point.touched is not None and energy.model.touching is not None:
@@ -409,7 +409,7 @@ def _single(small: Scene) -> None:
 
 
 def _layout(small: Scene) -> UnknownsLayout:
-    return arranged(static_model(_built(small)))[0].layout
+    return static_model(_built(small)).layout
 
 
 def _ones(matrix: Bands | Sparse) -> Any:
@@ -430,7 +430,7 @@ def _stability(small: Scene) -> None:
 
 
 def _changes(small: Scene) -> None:
-    energy = Energy(arranged(static_model(_built(small)))[0])
+    energy = Energy(static_model(_built(small)))
     right_sides(energy, energy.at(straight(energy.model)), variables(small))
 
 

@@ -34,7 +34,7 @@ from magmpm.statics import axis
 from magmpm.statics.contact import Touched
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import energy_of
-from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.layout import StaticModel, static_model
 
 
 class _Slots:
@@ -279,7 +279,7 @@ def _rebuilt(model: StaticModel, scene: Scene) -> StaticModel:
     if time is not None and time in before:
         time = scene.path_times()[before.index(time)]
     if model.again is None:
-        return arranged(static_model(build(scene, time=time)))[0]
+        return static_model(build(scene, time=time))
     if time != model.time:
         raise SolveError(
             "the number changes when a step of the path is, and so the length that is out of the"

@@ -8,7 +8,6 @@ it is found instead, on whatever branch it is.
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from operator import attrgetter
 
 import numpy as np
@@ -16,12 +15,11 @@ from threadpoolctl import ThreadpoolController
 
 from magmpm.bodies.curves import tightest_radius
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import addresses
 from magmpm.effects import acting
 from magmpm.errors import LeftField, SolveError, TimeOver
 from magmpm.materials import poisson_ratio
-from magmpm.model import Model
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.scene.load_progress import load_step
 from magmpm.statics import axis
@@ -35,7 +33,7 @@ from magmpm.statics.branch import (
 )
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
-from magmpm.statics.layout import StaticModel, arranged
+from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import FOLLOWING, USUAL, Minimum, OnStep, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 from magmpm.statics.stability import Unloaded, stability
@@ -44,6 +42,7 @@ from magmpm.statics.steady_stream import in_stream
 RAMP_STEPS = 8
 
 BODY = (
+    "axes",
     "particles.position",
     "particles.volume",
     "shear",
@@ -84,9 +83,7 @@ class Following:
 
 def _alike(one: StaticModel, other: StaticModel, parts: tuple[str, ...]) -> bool:
     """True if two models have the same arrays of these names, to the last bit."""
-    return one.order == other.order and all(
-        np.array_equal(attrgetter(name)(one), attrgetter(name)(other)) for name in parts
-    )
+    return all(np.array_equal(attrgetter(name)(one), attrgetter(name)(other)) for name in parts)
 
 
 @dataclass(frozen=True)
@@ -150,39 +147,32 @@ def solve_static(
             f" {1e3 * model.scene.length:.6g} mm"
         )
         raise ValueError(f"start: {lengths}; give a rod of its length")
-    given = model
-    model, of = arranged(model)
     with one_blas_thread():
         try:
             found = _solve(model, _Start(correction, rod, following), on_step)
-            fluid = given.scene.effects.fluid
+            fluid = model.scene.effects.fluid
             if fluid is not None and fluid.flows:
-                found = _in_stream(given, model, of, found, on_step)
+                found = _in_stream(model, found, on_step)
             assert found.energy is not None
             found.energy.alone.settled()
             known = None if following is None else following.body
             with_stability = with_stability and (following is None or following.with_stability)
             settled = stability(found.energy, found.point, known) if with_stability else None
-            return replace(found, point=restored(model, found.point, of), stability=settled)
+            return replace(found, stability=settled)
         except SolveError as error:
             state = error.state
             rest = straight(model)
             if not isinstance(state, Equilibrium):  # none was found under load
                 state = Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
-            raise type(error)(
-                error.reason, replace(state, point=restored(model, state.point, of), model=given)
-            ) from None
+            raise type(error)(error.reason, replace(state, model=model)) from None
 
 
-def _in_stream(
-    given: Model, model: StaticModel, of: Index, found: Equilibrium, on_step: OnStep | None
-) -> Equilibrium:
+def _in_stream(model: StaticModel, found: Equilibrium, on_step: OnStep | None) -> Equilibrium:
     """The equilibrium in the stream of a model's fluid, from that without drag."""
     energy = found.energy
     assert energy is not None
-    ordered = partial(restored, model, of=of)
     try:
-        last = in_stream(given, of, energy, found.point, ordered, on_step)
+        last = in_stream(model, energy, found.point, on_step)
     except SolveError as error:
         at = error.state if isinstance(error.state, Point) else found.point
         raise type(error)(error.reason, replace(found, point=at)) from None
@@ -196,16 +186,6 @@ def one_blas_thread() -> AbstractContextManager[object]:
     _controller = _controller or ThreadpoolController()
     limit: AbstractContextManager[object] = _controller.limit(limits=1, user_api="blas")
     return limit
-
-
-def restored(model: StaticModel, point: Point, of: Index) -> Point:
-    """The equilibrium's point with particles and reference axes in their order before statics.layout."""
-    if model.line is not None:  # they are in that order
-        return point
-    back = np.argsort(of)
-    axes = np.argsort(model.order)
-    F = np.ascontiguousarray(point.F[back][:, :, axes])
-    return replace(point, displacement=point.displacement[back], position=point.position[back], F=F)
 
 
 def _solve(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equilibrium:

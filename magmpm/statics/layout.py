@@ -1,9 +1,8 @@
 """The unknowns of a static solve: which ones a model has, their numbers, and which ones each cell touches.
 
-Planes of unknowns lie across the longest side of the body (arranged). The work of a factorization grows as the cube of the unknowns in a
-plane. In straight bodies, planes already lie across x. For other bodies the reference axes are renumbered cyclically, (x, y, z) -> (y, z,
-x) or (z, x, y). The columns of F and the reference remanence follow; deformed positions stay in x, y, z. Energies depend on F only through
-F^T F, det F and F Br, so they do not change.
+Planes of unknowns lie across the longest side of the body: the first axis of its grid. The work of a factorization grows as the cube of the
+unknowns in a plane. The columns of F and the reference remanence are along the grid's axes; positions stay in x, y, z. Energies depend on F
+only through F^T F, det F and F Br, so they do not change.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,11 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import TurnedGrid
-from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.errors import SceneError, dotted, lengths
-from magmpm.model import Driven, Model, volume_modes
+from magmpm.model import Driven, Model
 from magmpm.scene import Scene
 from magmpm.statics.block_cholesky import split_plane
 from magmpm.statics.bonds import Bonds, Springs, add_stiffness, bonds_of, held_by_faces
@@ -141,10 +138,8 @@ class StaticModel(Model):
     # (3, 3), or (n, 3, 3) of each particle: directions of the grid's axes, in columns. F, and
     # remanence, are along them
     axes: Array
-    order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see arranged
     touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
     pairs: RestingPairs | None = None  # by which it touches itself; None where it does not
-    across_gaps: tuple[Mask, ...] = ()  # nodes held as Pieces.held_across_gaps says
     # of what is outside of a guide: the same part of another scene's body
     again: "Callable[[Scene], StaticModel] | None" = None
 
@@ -226,7 +221,6 @@ def static_model(model: Model) -> StaticModel:
         axes=axes,
         touching=touching,
         pairs=pairs,
-        across_gaps=across_gaps,
     )
     magnet = np.column_stack([made.along_axes(model.remanence[:, :3]), model.remanence[:, 3:]])
     return replace(made, remanence=magnet)
@@ -336,75 +330,6 @@ def _touched(
         on = heaviest[:, 0, a] & heaviest[:, 1, b] & heaviest[:, 2, c]
         touched[cell_plane[on] + a, cell_row[on, b] + c] = True
     return touched
-
-
-def arranged(model: StaticModel) -> tuple[StaticModel, Index]:
-    """The model with renumbered axes, and the index (n,) of each of its particles in the given model."""
-    of = np.arange(len(model.shear))
-    if model.line is None:
-        model, of = _renumbered(model)
-    return model, of
-
-
-def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
-    """The model with its longest side as the first axis of the grid, and the new order of its particles."""
-    nodes = model.grid.nodes
-    p = model.particles
-    cycles = [(0, 1, 2), (1, 2, 0), (2, 0, 1)]
-    if model.pairs is not None:  # grids of components follow each other along x
-        cycles = cycles[:1]
-    order = max(cycles, key=lambda cycle: nodes[cycle[0]])
-    axes = list(order)
-    cell = p.cell[:, axes]
-    cells = (model.grid.cells[axes[0]], model.grid.cells[axes[1]], model.grid.cells[axes[2]])
-    of = np.lexsort(
-        (
-            np.arange(len(cell)),
-            p.segment,
-            np.ravel_multi_index(cell.T, cells),
-            model.component,
-            model.held & (not model.driven),
-        )
-    )
-    frame = np.ascontiguousarray(model.frame[:, axes])
-    grid = TurnedGrid(model.grid.origin[axes], model.grid.spacing[axes], cells, axes=frame)
-    particles = Particles(p.position[of], p.volume[of], p.segment[of], cell[of])
-    ratio = (model.bulk / model.shear)[of]
-    turned = replace(
-        model,
-        grid=grid,
-        particles=particles,
-        weights=np.ascontiguousarray(model.weights[of][:, axes]),
-        slopes=np.ascontiguousarray(model.slopes[of][:, axes]),
-        shear=model.shear[of],
-        bulk=model.bulk[of],
-        remanence=np.ascontiguousarray(
-            model.remanence[of][:, [*axes, *range(3, model.remanence.shape[1])]]
-        ),  # a mark stays last
-        density=model.density[of],
-        modes=volume_modes(grid, particles, ratio) if model.modes.shape[1] else model.modes,
-        held=model.held[of],
-        driven=tuple(
-            (name, np.ascontiguousarray(nodes.transpose(axes))) for name, nodes in model.driven
-        ),
-        axes=frame,
-        order=order,
-        across_gaps=tuple(mask.transpose(axes) for mask in model.across_gaps),
-    )
-    bonds = model.layout.bonds
-    if bonds is not None:
-        bonds = replace(bonds, element=bonds.element[:, :, axes])
-    layout = make_layout(turned, turned.weights, bonds, turned.across_gaps)
-    touching = model.touching
-    if touching is not None:
-        touching = replace(
-            touching, first=touching.first[:, axes], weights=touching.weights[:, axes]
-        )
-        touching = resting(touching, layout.planes, layout.node_yz, turned)
-    pairs = model.pairs
-    if pairs is not None:
-        pairs = pairs.numbered(layout, model.clamped_face)
-    return replace(turned, layout=layout, touching=touching, pairs=pairs), of
 
 
 class Pieces:

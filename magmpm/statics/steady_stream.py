@@ -7,13 +7,12 @@ for vectors). Source: Irons, Tuck, Int. J. Numer. Meth. Eng. 1 (1969) 275; Kuett
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array
 from magmpm.effects.fluid import forces
 from magmpm.errors import SolveError
 from magmpm.model import Model
@@ -24,23 +23,20 @@ from magmpm.statics.newton import Minimum, OnStep, minimize
 
 def in_stream(
     model: Model,
-    of: Index,
     energy: Energy | InteractingEnergy,
     point: Point,
-    restore: Callable[[Point], Point],
     on_step: OnStep | None,
 ) -> Minimum:
     """The equilibrium near a point, which is one without drag, in the stream of a model's fluid, with the steps that it took.
 
-    of: the number in the model of each of the solver's particles; restore: the solver's point in the model's order. The energy keeps the
-    load of the drag. Raises SolveError, with the last point as its state, where drag and shape don't settle.
+    The energy keeps the load of the drag. Raises SolveError, with the last point as its state, where drag and shape don't settle.
     """
     options = model.scene.solver.static
     near = 1e-7 * model.scene.length  # m: by so little may a whole step still move the body
     steps = 0
     at = _at_pieces(model)
     load = np.zeros(energy.alone.shape)
-    left = _drag(model, of, at, energy.alone, restore(point))
+    left = _drag(model, at, energy.alone, point)
     share = 1.0
     for _ in range(50):
         load = load + share * left
@@ -50,7 +46,7 @@ def in_stream(
         moved = float(np.abs(last.point.position - point.position).max())
         point = last.point
         before = left
-        left = _drag(model, of, at, energy.alone, restore(point)) - load
+        left = _drag(model, at, energy.alone, point) - load
         change = left - before
         size = float(np.sum(change * change))
         if moved <= near * min(1.0, abs(share)):  # a short step moves it by less
@@ -101,8 +97,8 @@ def _at_pieces(model: Model) -> Any:
     return csr_matrix((np.concatenate(shares), np.concatenate(columns), ends), shape)
 
 
-def _drag(model: Model, of: Index, at: Any, energy: Energy, point: Point) -> Array:
-    """Drag on a shape as a load (planes, m) N on the solver's unknowns; at: of `_at_pieces`; point: in the model's order."""
+def _drag(model: Model, at: Any, energy: Energy, point: Point) -> Array:
+    """Drag on a shape as a load (planes, m) N on the solver's unknowns; at: of `_at_pieces`."""
     surface = model.wetted.surface
     F = point.F @ np.swapaxes(model.grid.axes_at(model.particles.position), -1, -2)
     stretched = (at @ F.reshape(-1, 9)).reshape(-1, 3, 3)
@@ -110,4 +106,4 @@ def _drag(model: Model, of: Index, at: Any, energy: Energy, point: Point) -> Arr
     force = at.T @ forces(model.scene, surface, at @ point.position, tangents)
     density = force / model.particles.volume[:, None]
     stress = np.zeros((1, len(density), 3, 3))
-    return -energy.each_scattered(stress, density[of][None])[:, 0]
+    return -energy.each_scattered(stress, density[None])[:, 0]

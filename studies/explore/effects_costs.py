@@ -25,7 +25,7 @@ from magmpm.scene import Scene
 from magmpm.solving.precompile import prepare_kernels
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import one_blas_thread, solve_static
-from magmpm.statics.layout import arranged, static_model
+from magmpm.statics.layout import static_model
 from magmpm.statics.rod_start import straight
 
 Run = Callable[[], object]
@@ -131,7 +131,7 @@ def _newton_steps(bare: Scene) -> Timed:
 def _energy(scene: Scene) -> Energy:
     """Energy of a scene at rest, as a Newton step evaluates it."""
     moment = scene.path_times()[0] if scene.in_time else None
-    return Energy(arranged(static_model(build(scene, time=moment)))[0])
+    return Energy(static_model(build(scene, time=moment)))
 
 
 def _of_solve(scene: Scene, key: str) -> float:

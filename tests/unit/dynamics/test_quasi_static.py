@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from reference.buckling import column
 from reference.moving import moving_scene
+from reference.solids import box, turned
 from reference.stopped import switched_off
+from scipy.spatial.transform import Rotation
 
 from magmpm import Motion, Result, Scene, SolveError, run
+from magmpm.bodies.surface_mesh import pack_mesh
 from magmpm.dynamics import quasi_static
 from magmpm.model import build
 from magmpm.results.file_names import MOTION, STEPS
@@ -73,6 +76,51 @@ def test_a_ramp_ends_where_the_static_solve_does() -> None:
     np.testing.assert_allclose(
         first["tip"], at_rest(path.with_field([0, 0, 1e-12])).tip, atol=1e-6 * path.length
     )
+
+
+def frame_of_parts(angle: float, folder: Path) -> tuple[Motion, np.ndarray]:
+    """The motion of an arm of two parts on a held block, all turned about (1, 2, 3) by an angle (rad); and the rotation."""
+    axis = np.array([1.0, 2.0, 3.0])
+    turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
+    corners = [((-2, -2, -2), (0, 2, 2)), ((0, -1, -1), (3, 1, 1)), ((3, -1, -1), (6, 1, 1))]
+    meshes = [
+        {
+            "mesh": pack_mesh(turned(box(*each), axis, angle)),
+            "material": "m",
+            "magnetization": (turn @ ([1.0, 0.0, 0.0] if k < 2 else [0.0, 0.6, 0.8])).tolist(),
+            "clamp": k == 0,
+        }
+        for k, each in enumerate(corners)
+    ]
+    path = scene(
+        {"steps": 2},
+        body={"parts": {"unit": "mm", "meshes": meshes}},
+        field={
+            "uniform": (turn @ [1e-3, 2e-3, 6e-3]).tolist(),
+            "over_time": {"ramp": {"duration": 1.0}},
+        },
+        cells=2,
+    )
+    run(path, folder=folder)
+    return Motion.load(folder), turn
+
+
+def test_frames_of_turned_parts_are_along_x_y_z(tmp_path: Path) -> None:
+    """Remanence and magnetization turn with the body, and stress on both sides; files hold single precision."""
+    straight, _ = frame_of_parts(0.0, tmp_path / "straight")
+    oblique, turn = frame_of_parts(0.7, tmp_path / "oblique")
+    np.testing.assert_allclose(oblique.remanence, straight.remanence @ turn.T, atol=1e-6 * 0.138)
+    one, other = (motion[2] for motion in (straight, oblique))
+    np.testing.assert_allclose(
+        other.quantities["magnetisation"],
+        one.quantities["magnetisation"] @ turn.T,
+        atol=1e-5 * 0.138,
+    )
+    stress = one.quantities["cauchy_stress"].reshape(-1, 3, 3)
+    wanted = turn @ stress @ turn.T
+    found = other.quantities["cauchy_stress"].reshape(-1, 3, 3)
+    assert np.abs(stress).max() > 100.0  # Pa
+    np.testing.assert_allclose(found, wanted, atol=1e-4 * np.abs(stress).max())
 
 
 def test_steps_in_between_are_single_equilibria_too() -> None:

@@ -14,7 +14,7 @@ from magmpm.scene import Scene
 from magmpm.statics.arcs import rest_nodes
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import _search, factored, minimize
 
 AXIS = (1.0, 2.0, 3.0)
@@ -57,7 +57,7 @@ def along_xyz(scene: Scene) -> StaticModel:
 
 @pytest.fixture(scope="module")
 def oblique() -> StaticModel:
-    return arranged(along_xyz(beam(angle=ANGLE)[0]))[0]
+    return along_xyz(beam(angle=ANGLE)[0])
 
 
 def end(scene: Scene, turn: np.ndarray) -> np.ndarray:
@@ -210,7 +210,7 @@ def test_an_arc_is_the_straight_step_to_first_order_and_turns_without_strain(
 ) -> None:
     """A step along which the whole body would turn: the arc turns it by the angle, the straight step blows it up by the cosine."""
     bare = beam(angle=ANGLE)[0]
-    energy = Energy(arranged(along_xyz(bare))[0])
+    energy = Energy(along_xyz(bare))
     rng = np.random.default_rng(6)
     grid = 1e-6 * energy.free(rng.standard_normal(energy.shape))
     d = energy.free(rng.standard_normal(energy.shape))
@@ -246,7 +246,7 @@ def test_a_short_step_of_parts_goes_on_along_its_way(oblique: StaticModel, parts
 def test_a_failure_names_the_part_that_does_not_settle() -> None:
     """Of two pieces in a row, the outer one moves farther in every step."""
     scene, _ = beam(angle=0.0, boxes=((0, 6), (6, 12)))
-    model = arranged(static_model(build(scene.with_field([0.0, 0.0, 50e-3]))))[0]
+    model = static_model(build(scene.with_field([0.0, 0.0, 50e-3])))
     outer = scene.regions()[2].name
     still = np.zeros((model.layout.planes, model.layout.m))
     with pytest.raises(SolveError, match=rf"{outer} does not settle: .* mm"):

@@ -18,7 +18,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.tangent_matrix import Bands
 
 GROUND = {"point": [0.0, 0.0, -0.998e-3], "normal": [-3e-4, 1e-3, 1.0]}
@@ -82,10 +82,9 @@ def bodies(folder: Path) -> dict[str, dict[str, Any]]:
 KINDS = ("rod", "tube", "strip", "both ends", "plane strain", "parts")
 
 
-def models(kind: str, folder: Path, **effects: Any) -> tuple[StaticModel, StaticModel]:
-    """The model, and the same with its axes as the solve needs them."""
-    model = static_model(build(scene(bodies(folder)[kind], **effects)))
-    return model, arranged(model)[0]
+def resting(kind: str, folder: Path, **effects: Any) -> StaticModel:
+    """The model of a kind of body at rest."""
+    return static_model(build(scene(bodies(folder)[kind], **effects)))
 
 
 def on_nodes(model: StaticModel, grid: np.ndarray) -> np.ndarray:
@@ -102,7 +101,7 @@ def test_points_move_with_the_splines_of_their_cells(
     kind: str, tmp_path: Path, rng: np.random.Generator
 ) -> None:
     """Each by the sum of splines times coefficients, written out; a field that is linear in the clamp's distance is exact."""
-    _, model = models(kind, tmp_path, ground=GROUND)
+    model = resting(kind, tmp_path, ground=GROUND)
     on = model.touching
     grid = 1e-5 * rng.standard_normal((model.layout.planes, model.layout.m))
     nodes = on_nodes(model, grid)
@@ -130,25 +129,24 @@ def test_points_move_with_the_splines_of_their_cells(
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_energy_is_that_of_the_push(kind: str, tmp_path: Path) -> None:
     """At rest sum of m w^2 depth^2 / 2 over the surface, whose area the masses share, and the force m w^2 depth along the normal."""
-    model, turned = models(kind, tmp_path, ground={**GROUND, "stiffness": 1.0})
+    model = resting(kind, tmp_path, ground={**GROUND, "stiffness": 1.0})
     normal = np.array(GROUND["normal"]) / np.linalg.norm(GROUND["normal"])
     shear = 120e3
     bulk = 20 * 120e3
     stiffness = FREE * (bulk + 4 / 3 * shear) / 1882.0 / model.scene.cell**2
     surface = model.surface
     depth = np.maximum((np.array(GROUND["point"]) - surface.place) @ normal, 0.0)
-    for one in (model, turned):
-        touched = one.touching.touched(one.effects, np.zeros((one.layout.planes, one.layout.m)))
-        assert touched.energy == pytest.approx(
-            0.5 * stiffness * (surface.mass * depth**2).sum(), rel=1e-12
-        )
-        assert touched.energy > 0
-        np.testing.assert_allclose(
-            touched.f.sum(axis=0),
-            stiffness * (surface.mass * depth).sum() * normal,
-            rtol=1e-12,
-            atol=1e-12,
-        )
+    touched = model.touching.touched(model.effects, np.zeros((model.layout.planes, model.layout.m)))
+    assert touched.energy == pytest.approx(
+        0.5 * stiffness * (surface.mass * depth**2).sum(), rel=1e-12
+    )
+    assert touched.energy > 0
+    np.testing.assert_allclose(
+        touched.f.sum(axis=0),
+        stiffness * (surface.mass * depth).sum() * normal,
+        rtol=1e-12,
+        atol=1e-12,
+    )
 
 
 @pytest.mark.parametrize("kind", [*KINDS[:5], "walls"])
@@ -157,7 +155,7 @@ def test_force_and_tangent_are_derivatives_of_the_energy(
 ) -> None:
     """By central differences where points touch on both sides; and the matrix is the one whose products `product` gives."""
     effects = {"walls": WALLS} if kind == "walls" else {"ground": GROUND}
-    _, model = models("rod" if kind == "walls" else kind, tmp_path, **effects)
+    model = resting("rod" if kind == "walls" else kind, tmp_path, **effects)
     on = model.touching
     shape = (model.layout.planes, model.layout.m)
 

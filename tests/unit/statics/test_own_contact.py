@@ -18,7 +18,7 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.statics.energy import Energy
-from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.own_contact import HeldPairs, RestingPairs, holding, released
 
 # m
@@ -47,7 +47,7 @@ def held_cubes(folder: Path) -> StaticModel:
     held = ["behind", "beyond"]
     effects = {"self_contact": {"friction": 0.4}}  # of paths alone
     scene = parts_scene(folder, meshes, effects, CELL, held=held, **REST)
-    return arranged(static_model(build(scene)))[0]
+    return static_model(build(scene))
 
 
 def pressed(model: StaticModel, rng: np.random.Generator) -> np.ndarray:
