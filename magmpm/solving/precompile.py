@@ -358,9 +358,10 @@ def _begin(_: object, small: dict[str, Any]) -> Callable[[str | Function], bool]
 
 
 def _built(small: Scene) -> Model:
-    return build(
-        small, time=small.path_times()[0] if small.solver.quasi_static is not None else None
-    )
+    """The model of a scene; of a fed body, which only its guide holds, as if it were clamped: the kernels are the same."""
+    times = small.path_times() or [None]
+    made = build(small, time=times[0])
+    return made if small.effects.feed is None else replace(made, clamped_face=True)
 
 
 def _at_rest(small: Scene) -> tuple[Energy, Point]:

@@ -13,10 +13,11 @@ from reference.scenes import rod_scene
 
 from magmpm.compiled.cache import _SealedFiles
 from magmpm.compiled.parallel import compile_task
-from magmpm.scene import Scene, time_limit
+from magmpm.scene import Scene, load_scene, time_limit
 from magmpm.scene.coarsest import FAINT, coarsest, coarsest_cells
 from magmpm.simulate import run
 from magmpm.solving import precompile as warmup
+from magmpm.statics.layout import static_model
 
 
 @pytest.fixture
@@ -30,6 +31,13 @@ def compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace
         lambda small, jobs, tell: found.asked.append(list(jobs)) or found.work(),
     )
     return found
+
+
+def test_a_fed_body_is_compiled_for_as_if_it_were_clamped() -> None:
+    """Nothing but its guide holds it, which alone is refused at rest: so its runs ended before they began, once for each set of kernels."""
+    scene = load_scene(Path(__file__).parents[3] / "data/scenes/fed_into_vessel.yaml")
+    assert scene.effects.feed is not None
+    assert static_model(warmup._built(coarsest(scene))).clamped_face
 
 
 def test_only_what_is_used_is_compiled_and_once(compiler: SimpleNamespace) -> None:
