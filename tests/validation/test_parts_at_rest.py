@@ -187,10 +187,10 @@ def arms(axis: tuple[float, float, float], angle: float) -> tuple[np.ndarray, in
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.36, 0.48, 0.8)])
 def test_a_turned_gripper_bends_as_the_straight_one(axis: tuple[float, float, float]) -> None:
-    """By 20 degrees about an axis: on as many cells. Both end within a decrement of 1e-11 of the energy: within 3e-6 of how far they
-    move, and softer modes may be ten times as far."""
+    """By 20 degrees about an axis: on as many cells. Both end within a decrement of 1e-11 of the energy, and so within its root, 3e-6, of
+    how far they move."""
     straight, steps = arms(axis, 0.0)
     oblique, as_many = arms(axis, np.deg2rad(20))
     most = np.linalg.norm(straight, axis=1).max()
-    assert np.linalg.norm(oblique - straight, axis=1).max() < 3e-5 * most
+    assert np.linalg.norm(oblique - straight, axis=1).max() < 3e-6 * most
     assert steps == as_many <= 20
