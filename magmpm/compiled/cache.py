@@ -160,11 +160,12 @@ class _LateLibrary(JITCodeLibrary):  # type: ignore[misc]
     def _write(self) -> None:
         self._written = True
         super()._finalize_final_module()
+        codegen: Any = self._codegen
         for variable in self._final_module.global_variables:
             if variable.name.startswith(_ENVIRONMENT):
                 environment = lookup_environment(variable.name)
                 if environment is not None:
-                    self._codegen.set_env(variable.name, environment)
+                    codegen.set_env(variable.name, environment)
 
     def get_pointer_to_function(self, name: str) -> int:
         """Address of a function, 0 if there is none of this name."""

@@ -359,8 +359,8 @@ def _begin(_: object, small: dict[str, Any]) -> Callable[[str | Function], bool]
 
 def _built(small: Scene) -> Model:
     """The model of a scene; of a fed body, which only its guide holds, as if it were clamped: the kernels are the same."""
-    times = small.path_times() or [None]
-    made = build(small, time=times[0])
+    times = small.path_times()
+    made = build(small, time=times[0] if times else None)
     return made if small.effects.feed is None else replace(made, clamped_face=True)
 
 
