@@ -399,7 +399,7 @@ def _filled(
     ratio = np.array([material.bulk_to_shear for material in materials])
     planes, driven = driven_nodes(shape, made, scene.move) if scene.move else (made.planes, ())
     particles = made.particles
-    if scene.static and shape.line is None:
+    if shape.line is None:
         particles = _in_pieces(scene, shape, particles, held & (not driven))
     of = particles.segment
     averaged = scene.solver.anti_locking == "f-bar"
@@ -432,6 +432,7 @@ def _filled(
 
 def _in_pieces(scene: Scene, shape: BodyShape, particles: Particles, still: Mask) -> Particles:
     """Particles of parts as the steps of statics take them: each component by itself, where each has a grid, and those at rest last.
+    Motions have the same order, so that both can be compared particle by particle.
 
     still (parts,): parts at rest. Cells of the others are in the order of the planes that they touch, as threads share them."""
     alone = scene.effects.self_contact is not None
