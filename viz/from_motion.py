@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.effects.contact_names import PAIR, of_part
-from magmpm.errors import MagmpmError, RenderError
+from magmpm.errors import PAIR, MagmpmError, RenderError
 from magmpm.fields.magnets import frame_of
 from magmpm.scene import Scene
 from magmpm.viz.body import DrawnBody
@@ -154,7 +153,7 @@ class MotionRenderer:
             if not part or effect not in self._surfaces:
                 marks.append(place)
             if not part and any(
-                other.startswith(of_part(effect, "")) for other in self.motion.contacts
+                other.startswith(f"{effect}{PAIR}") for other in self.motion.contacts
             ):
                 continue  # its parts have arrows of their own
             force = _forces(contact)[now[0]] / self._usual_force

@@ -21,9 +21,8 @@ from magmpm.compiled.jit import compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
 from magmpm.effects.calls import given_for, pushes, rows
 from magmpm.effects.contact_force import GRIP, LEAST_FRICTION, PARTS, RIGIDITY, own_grip
-from magmpm.effects.contact_names import PAIR, of_part
 from magmpm.effects.hooks import NO_DATA
-from magmpm.errors import SceneError, dotted
+from magmpm.errors import PAIR, SceneError, dotted
 
 THROWN = 0.1  # m/s
 # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then
@@ -165,7 +164,7 @@ def obstacle_contacts(
         for number in np.unique(part) if whole["count"] else ():
             one = effect.report(model, Touching(*(each[part == number] for each in touching)))
             if one["count"]:
-                found[of_part(key, names[number])] = one
+                found[f"{key}{PAIR}{names[number]}"] = one
     return found
 
 

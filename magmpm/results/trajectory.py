@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.effects.contact_names import PAIR
-from magmpm.errors import BudgetError, InputError, quantity, require
+from magmpm.errors import PAIR, BudgetError, InputError, quantity, require
 from magmpm.results import notices
 from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, POSITIONS, STEPS
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers

@@ -23,9 +23,8 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects import acting
 from magmpm.effects.calls import rows
-from magmpm.effects.contact_names import PAIR
 from magmpm.effects.hooks import each_record
-from magmpm.errors import SolveError
+from magmpm.errors import PAIR, SolveError
 from magmpm.kernels.changes import load_changes, loads, stress_per_shear
 from magmpm.model import Model, build, reshaped
 from magmpm.scene import Scene

@@ -16,8 +16,7 @@ import numpy as np
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
-from magmpm.effects.contact_names import of_part, pair_name
-from magmpm.errors import SolveError
+from magmpm.errors import PAIR, SolveError
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.changes import (
@@ -32,6 +31,7 @@ from magmpm.statics.definite import NEUTRAL
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 from magmpm.statics.newton import refined
+from magmpm.statics.surface_pairs import pair_name
 
 
 class Linearized:
@@ -208,7 +208,7 @@ class Linearized:
         named = self.model.scene.effects.named()
         parts = [region.name for region in self.model.scene.regions()]
         obstacles = [key for key in ("ground", "walls") if key in named]
-        of_parts = [of_part(key, part) for key in obstacles for part in parts]
+        of_parts = [f"{key}{PAIR}{part}" for key in obstacles for part in parts]
         between = [] if self.model.pairs is None else combinations(parts, 2)
         return [*obstacles, *of_parts, *(pair_name(*two) for two in between)]
 

@@ -16,7 +16,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_law import own_friction
-from magmpm.effects.contact_names import pair_name
+from magmpm.errors import PAIR
 from magmpm.kernels.body_contact import SolidCells
 from magmpm.model import Model
 
@@ -168,6 +168,11 @@ class SurfacePairs:
         center, radius = self._balls(x)
         mean, spread = self._balls(way)
         return float(_clear(self._patches[2], center, radius, mean, spread, MOVE * self.cell))
+
+
+def pair_name(one: str, other: str) -> str:
+    """Name of the contact of two parts, as contacts.csv has it."""
+    return f"self_contact{PAIR}{one}, {other}"
 
 
 def _solid_cells(model: Model, still: bool) -> tuple[SolidCells, Index, Index]:

@@ -16,12 +16,12 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.effects.contact_names import PAIR, of_part, pair_name
-from magmpm.errors import InputError, MagmpmError, in_mm, length, quantity
+from magmpm.errors import PAIR, InputError, MagmpmError, in_mm, length, quantity
 from magmpm.inputs.messages import Instead
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
 from magmpm.scene import Scene
+from magmpm.statics.surface_pairs import pair_name
 from magmpm.studies.goals.answer import Answer, inserted_at, pushed, time_of
 
 _Spot = Annotated[
@@ -315,13 +315,12 @@ class ContactForce(Smooth):
         obstacles = [key for key in ("ground", "walls") if key in effects]
         of = self.of
         by = self.by
-        key, _, pair = by.partition(PAIR)
-        if of == "body" and key == "self_contact" and pair:  # as contacts.csv names it
-            of, _, by = pair.partition(", ")
+        if of == "body" and by.startswith("self_contact: "):  # a pair as contacts.csv names it
+            of, _, by = by.removeprefix("self_contact: ").partition(", ")
         if of not in ("body", *parts):
             raise self._unknown(f"{at}.of", of, "of a part or segment", ["body", *parts])
         if by in obstacles:
-            return {by if of == "body" else of_part(by, of): 1.0}
+            return {by if of == "body" else f"{by}{PAIR}{of}": 1.0}
         touching = parts if "self_contact" in effects else []
         others = [part for part in touching if part != of]
         if of == "body" and by in ("self_contact", *touching):
