@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
+from magmpm.errors import PAIR
 from magmpm.results.whole_file import whole_file
 from magmpm.viz import style
 
@@ -329,7 +330,7 @@ def motion(
     touching = {
         name: c
         for name, c in contacts.items()
-        if name.partition(": ")[0] in (name, "self_contact")  # parts have shares of an obstacle's
+        if name.partition(PAIR)[0] in (name, "self_contact")  # parts have shares of an obstacle's
         if any(np.any(c[f"F{axis}"] != 0) for axis in "xyz")
     }
     rows = 2 if touching else 1

@@ -315,8 +315,9 @@ class ContactForce(Smooth):
         obstacles = [key for key in ("ground", "walls") if key in effects]
         of = self.of
         by = self.by
-        if of == "body" and by.startswith("self_contact: "):  # a pair as contacts.csv names it
-            of, _, by = by.removeprefix("self_contact: ").partition(", ")
+        key, _, pair = by.partition(PAIR)
+        if of == "body" and key == "self_contact" and pair:  # as contacts.csv names it
+            of, _, by = pair.partition(", ")
         if of not in ("body", *parts):
             raise self._unknown(f"{at}.of", of, "of a part or segment", ["body", *parts])
         if by in obstacles:
