@@ -39,8 +39,9 @@ def cell_moments(triangles: Array, grid: Grid) -> tuple[Index, Array]:
     """
     scaled = (triangles - grid.origin) / grid.spacing
     nearest = np.round(scaled)
-    # STL files hold single precision, 6e-8 of a coordinate; axes are told from such files
-    noise = 1e-6 * max(grid.cells)
+    # STL files hold single precision, and axes told from their faces lose up to 7 times that (300 turned robots drawn at random).
+    reach = max(np.abs(triangles).max(), np.max(grid.spacing * grid.cells))
+    noise = 8 * 2.0**-24 * reach / grid.spacing
     scaled = np.where(np.abs(scaled - nearest) < noise, nearest, scaled)
     low = np.floor(scaled.reshape(-1, 3).min(0)).astype(int)
     shape = np.maximum(np.ceil(scaled.reshape(-1, 3).max(0)).astype(int) - low, 1)

@@ -252,6 +252,7 @@ class Watched:
                 unit=self._unit,
                 bar_format=form,
                 delay=self._delay,
+                mininterval=0.1 if self._unit == "s" else 0.0,  # each trial, however quick
                 leave=False,
                 file=sys.stderr,
             )
