@@ -8,7 +8,6 @@ Vectors are (planes, m) in both, as statics.layout numbers unknowns.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,34 +20,6 @@ from magmpm.scene import Scene, memory
 from magmpm.statics import block_cholesky, sparse_cholesky
 from magmpm.statics.elimination import Elimination
 from magmpm.statics.layout import UnknownsLayout
-
-
-class Matrix(Protocol):
-    """A symmetric matrix of a layout's unknowns."""
-
-    def clear(self) -> None:
-        """Set all entries to zero."""
-
-    def target(self, cells: StaticCells) -> Panels | Blocks:
-        """Place where kernels add the matrices of cells."""
-
-    def finish(self) -> None:
-        """Make fixed unknowns ones without a coupling, once all is added."""
-
-    def diagonal(self) -> Array:
-        """The diagonal (planes, m), of what is not yet factored."""
-
-    def add_diagonal(self, values: Array | float) -> None:
-        """Add to the diagonal: values (planes, m), or one for all."""
-
-    def factor(self) -> bool:
-        """Factor in place. False if the matrix is not positive definite: it can then only be filled again."""
-
-    def solve(self, right: Array) -> Array:
-        """Solution (planes, m) for a right-hand side (planes, m), from the factors."""
-
-    def solve_columns(self, right: Array) -> Array:
-        """Solutions (planes, k, m) for right-hand sides (planes, k, m), from the factors."""
 
 
 class RoundedBands:
@@ -68,30 +39,36 @@ class RoundedBands:
 
 
 class Bands:
-    """A matrix of bands, in panels (planes + 2, m, 3 m) of statics.block_cholesky."""
+    """A matrix of bands, in panels (planes + 2, m, 3 m) of statics.block_cholesky. What a sparse one shares is told here."""
 
     def __init__(self, layout: UnknownsLayout) -> None:
         self._layout = layout
         self.panels = block_cholesky.new_panels(layout.planes, layout.m)
 
     def clear(self) -> None:
+        """Set all entries to zero."""
         block_cholesky.clear(self.panels)
 
     def target(self, cells: StaticCells) -> Panels:
+        """Place where kernels add the matrices of cells."""
         return Panels(self.panels, self._layout.split)
 
     def finish(self) -> None:
+        """Make fixed unknowns ones without a coupling, once all is added."""
         if self._layout.fixed.any():
             block_cholesky.fix(self.panels, self._layout.split, self._layout.fixed)
 
     def diagonal(self) -> Array:
+        """The diagonal (planes, m), of what is not yet factored."""
         return np.einsum("jaa->ja", self.panels[: self._layout.planes, :, : self._layout.m])
 
     def add_diagonal(self, values: Array | float) -> None:
+        """Add to the diagonal: values (planes, m), or one for all."""
         diagonal = self.diagonal()
         diagonal += values
 
     def factor(self) -> bool:
+        """Factor in place. False if the matrix is not positive definite: it can then only be filled again."""
         return block_cholesky.factor(self.panels, self._layout.split) < 0
 
     def rounded(self) -> RoundedBands:
@@ -99,9 +76,11 @@ class Bands:
         return RoundedBands(block_cholesky.rounded(self.panels), self._layout.split)
 
     def solve(self, right: Array) -> Array:
+        """Solution (planes, m) for a right-hand side (planes, m), from the factors."""
         return block_cholesky.solve(self.panels, self._layout.split, right)
 
     def solve_columns(self, right: Array) -> Array:
+        """Solutions (planes, k, m) for right-hand sides (planes, k, m), from the factors."""
         return block_cholesky.solve_columns(self.panels, self._layout.split, right)
 
 
