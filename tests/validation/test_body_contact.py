@@ -269,7 +269,11 @@ def prism(profile: list[tuple[float, float]], half: float) -> Mesh:
 
 @pytest.mark.slow
 def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
-    """Force over load is (tan a + mu) / (1 - mu tan a), to 0.5 % (NAFEMS, Benchmark tests for contact and sliding, CGS-4: 0.412371)."""
+    """Force over load is (tan a + mu) / (1 - mu tan a), to 0.1 % (NAFEMS, Benchmark tests for contact and sliding, CGS-4: 0.412371).
+
+    The block loses a tenth in its vibration. One that loses nothing hops, and shears faster at 0.1 m/s than it slides: points turn round,
+    and mean friction is 2 % less, by Coulomb's law itself (0.1 % less at 0.3 m/s).
+    """
     slope = 0.1
     mu = 0.3
     lift = 0.02e-3
@@ -281,7 +285,8 @@ def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
         [(0.0, lift), (4e-3, 4e-3 * slope + lift), (4e-3, 3e-3 + lift), (0.0, 3e-3 + lift)], 2e-3
     )
     pull = {"acceleration": [5 * EARTH * expected, 0.0, -5 * EARTH]}
-    effects = {**NOTHING, "gravity": pull, "self_contact": {"friction": mu}}
+    loss = {"viscosity": {"loss_factor": 0.1}}
+    effects = {**NOTHING, **loss, "gravity": pull, "self_contact": {"friction": mu}}
     model = build(
         parts_scene(tmp_path, {"wedge": wedge, "block": block}, effects, 1.3e-3, held=["wedge"])
     )
@@ -296,7 +301,7 @@ def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
         touching = motion.body_contacts().get("self_contact: wedge, block")
         forces.append(np.abs(touching["force"]) if touching else np.zeros(3))
     mean = np.mean(forces[300:], axis=0)
-    assert mean[0] / mean[2] == pytest.approx(expected, rel=5e-3)
+    assert mean[0] / mean[2] == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_ball_just_above_a_held_plate_is_not_joined_to_it(tmp_path: Path) -> None:
