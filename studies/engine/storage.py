@@ -30,7 +30,7 @@ from magmpm.studies.engine.storage_url import (
     without_passwords,
 )
 from magmpm.studies.problem import OWNER, REPORT
-from magmpm.studies.search.definition import Study, definition_hash, differences
+from magmpm.studies.search.definition import Study, differences
 from magmpm.studies.search.objectives import NAMES
 
 if TYPE_CHECKING:
@@ -496,15 +496,15 @@ def open_study(
             rule = f"holds a study named {study.name} that magmpm did not make"
             raise InputError(shown_url(url), rule=rule, remedy="use another --out or --storage")
         if known is None:
-            kept.set_user_attr("definition", dict(definition))
-            kept.set_user_attr("definition_hash", definition_hash(definition))
             with warnings.catch_warnings():
                 warnings.simplefilter(
                     "ignore"
                 )  # "experimental": the name of the axis in the dashboard
                 kept.set_metric_names([NAMES[name] for name in study.minimize])
-        elif kept.user_attrs.get("definition_hash") != definition_hash(definition):
-            changes = "\n".join(f"    {line}" for line in differences(known, definition))
+            # last: a kill before it leaves a study that the next session begins again
+            kept.set_user_attr("definition", dict(definition))
+        elif changed := differences(known, definition):
+            changes = "\n".join(f"    {line}" for line in changed)
             raise InputError(
                 f"{study.path}: {shown_url(url)} holds a study named {study.name} with another"
                 f" definition\n{changes}\n  rule: a study is continued only as it was begun (trials"

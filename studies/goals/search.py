@@ -119,7 +119,6 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
             remedy="give another folder, `--out DIR`, or remove this one",
         )
     if before is None:
-        known.set_user_attr(DEFINITION, study.definition)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
             known.set_metric_names([name.partition(" ")[2] for name in study.names])
@@ -127,7 +126,9 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         for knob in study.knobs:
             begun |= knob.begun(study.scene)
         if study.sampler != SLSQP:  # which begins there by itself
-            known.enqueue_trial(begun)  # the scene as it is
+            known.enqueue_trial(begun, skip_if_exists=True)  # the scene as it is
+        # last: a kill before it leaves a study that the next run begins again
+        known.set_user_attr(DEFINITION, study.definition)
     for trial in known.get_trials(states=(TrialState.RUNNING,), deepcopy=False):
         known.tell(trial.number, state=TrialState.FAIL)
         if study.sampler != SLSQP:

@@ -7,7 +7,6 @@ extended, but is never silently continued as a different one.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -34,7 +33,6 @@ __all__ = [
     "Study",
     "StudyFile",
     "check_sampler_name",
-    "definition_hash",
     "differences",
     "load_study",
 ]
@@ -170,24 +168,8 @@ def _depths(file: StudyFile, path: Array, thickness: float) -> tuple[float, ...]
     )
 
 
-def definition_hash(definition: Mapping[str, Any]) -> str:
-    """Find the SHA-256 of a definition; numbers count to 12 digits, the order of keys does not.
-
-    Parameters
-    ----------
-    definition : Mapping[str, Any]
-        As of Study.definition.
-
-    Returns
-    -------
-    str
-        Hexadecimal digits.
-    """
-    return hashlib.sha256(json.dumps(dict(_flat(definition)), sort_keys=True).encode()).hexdigest()
-
-
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """List the differences between two definitions.
+    """List the differences between two definitions; numbers count to 12 digits, the order of keys does not.
 
     Parameters
     ----------

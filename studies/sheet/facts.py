@@ -25,7 +25,7 @@ from magmpm.studies.engine.report import feasible, refused
 from magmpm.studies.engine.storage import must_exist, open_storage, storage_faults, trials_of
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE
-from magmpm.studies.search.definition import definition_hash, load_study
+from magmpm.studies.search.definition import differences, load_study
 from magmpm.studies.search.samplers.choice import whole_definition
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.verified_best import (
@@ -206,7 +206,6 @@ def _of_trials(
             ]
             found: dict[str, Any] = {
                 "definition": kept.user_attrs.get("definition"),
-                "hash": kept.user_attrs.get("definition_hash"),
             }
             shares = importances(kept, trials)
     except (MagmpmError, KeyError) as error:
@@ -232,7 +231,7 @@ def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
         notes.append(f"The study's file can't be read any more: {error}")
         return None
     definition = whole_definition(study, SearchSpace.of(study).distributions())
-    if facts.get("hash") not in (None, definition_hash(definition)):
+    if facts.get("definition") and differences(facts["definition"], definition):
         notes.append(
             f"{Path(path).name} or a file that it names has changed since the study was begun; its"
             " stored definition is below."

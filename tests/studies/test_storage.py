@@ -432,6 +432,26 @@ def test_a_study_someone_else_made_is_left_alone(tmp_path: Path) -> None:
     assert len(optuna.load_study(study_name="probe", storage=url).trials) == 1
 
 
+def test_a_study_that_was_opened_in_part_is_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A session that ends while it writes what the study is leaves a database that the next one goes on with."""
+    real = optuna.Study.set_user_attr
+    written: list[str] = []
+
+    def ended(kept: optuna.Study, key: str, value: Any) -> None:
+        if written:
+            raise KeyboardInterrupt
+        written.append(key)
+        real(kept, key, value)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(optuna.Study, "set_user_attr", ended)
+        with pytest.raises(KeyboardInterrupt):
+            run(tmp_path, trials=2)
+    assert run(tmp_path, trials=2).trials == 2
+
+
 # the user who runs a study
 
 

@@ -14,15 +14,15 @@ import rod_solve
 
 from magmpm.errors import MagmpmError
 from magmpm.scene import Scene
-from magmpm.studies.engine import loop
+from magmpm.studies.engine import loop, study_session
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.workers import sessions
 from magmpm.studies.search.definition import load_study
 
 SECONDS = "TEST_SECONDS"
 DEADLY = "TEST_DEADLY"  # a file: whoever finds it in a solve deletes it and dies
-# a number: SIGKILL when the third design is requested, before that request's commit of this number
-# (from 0)
+# "open 2", "ask 2": SIGKILL while the study is opened, or its third design is requested, before the
+# commit of this number (from 0) of that call
 KILLED = "TEST_KILLED"
 # a file: whoever finds it in a solve deletes it and hangs, deaf to all signals that can be ignored
 HANGING = "TEST_HANGING"
@@ -64,32 +64,34 @@ def set_clock(offset: float) -> None:
     rdb.datetime = sessions.datetime = Shifted  # type: ignore[attr-defined, misc]
 
 
-def kill_in_ask(at: int) -> None:
-    """Let this process die while it requests its third design: before one of the request's commits, or right after the last."""
+def kill_in(what: str, at: int) -> None:
+    """Let this process die while it opens the study, or requests its third design: before one of the call's commits, or after the last."""
     from sqlalchemy import Engine, event
 
+    owner: Any = loop._Run if what == "ask" else study_session
+    name, which = ("ask", 3) if what == "ask" else ("open_study", 1)
     calls = 0
     commits = 0
-    ask = loop._Run.ask
+    called = getattr(owner, name)
 
-    def counted(run: Any) -> Any:
+    def counted(*args: Any) -> Any:
         nonlocal calls
         calls += 1
-        pending = ask(run)
-        if calls == 3:
+        answer = called(*args)
+        if calls == which:
             print(f"{commits} commits", file=sys.stderr, flush=True)
             os.kill(os.getpid(), signal.SIGKILL)
-        return pending
+        return answer
 
     @event.listens_for(Engine, "commit")
     def on_commit(_: object) -> None:
         nonlocal commits
-        if calls == 3:
+        if calls == which:
             if commits == at:
                 os.kill(os.getpid(), signal.SIGKILL)
             commits += 1
 
-    loop._Run.ask = counted  # type: ignore[method-assign]
+    setattr(owner, name, counted)
 
 
 def main(study: str, out: str, workers: str) -> int:
@@ -98,7 +100,8 @@ def main(study: str, out: str, workers: str) -> int:
     sessions.BEAT = 0.5
     sessions.LEASE = 4.0
     if KILLED in os.environ:
-        kill_in_ask(int(os.environ[KILLED]))
+        what, at = os.environ[KILLED].split()
+        kill_in(what, int(at))
     if "TEST_CLOCK" in os.environ:
         set_clock(float(os.environ["TEST_CLOCK"]))
     import session  # so that workers find `slow` by name

@@ -44,7 +44,7 @@ def test_a_kill_at_any_commit_of_a_request_costs_a_lease_at_most(url: str, tmp_p
     while commits is None:
         study = write_study(tmp_path, FEW)
         study = study.rename(tmp_path / f"killed_{at}.yaml")
-        killed = session(study, tmp_path / f"out_{at}", 1, url, 0.0, TEST_KILLED=str(at))
+        killed = session(study, tmp_path / f"out_{at}", 1, url, 0.0, TEST_KILLED=f"ask {at}")
         _, said = killed.communicate(timeout=120)
         assert killed.returncode == -9, said
         if "commits" in said:
@@ -73,3 +73,27 @@ def test_a_kill_at_any_commit_of_a_request_costs_a_lease_at_most(url: str, tmp_p
         False,
         True,
     }, "trials that a session had named as its own, and some that it had not yet"
+
+
+def test_a_kill_while_a_study_is_opened_costs_nothing(url: str, tmp_path: Path) -> None:
+    """It was refused as "another definition" by the next session, for ever, where the kill fell between two of its attributes."""
+    at = 0
+    commits = None
+    while commits is None:
+        study = write_study(tmp_path, FEW)
+        study = study.rename(tmp_path / f"opened_{at}.yaml")
+        killed = session(study, tmp_path / f"out_{at}", 1, url, 0.0, TEST_KILLED=f"open {at}")
+        _, said = killed.communicate(timeout=120)
+        assert killed.returncode == -9, said
+        if "commits" in said:
+            commits = int(said.split(" commits")[0].split()[-1])
+        rerun = session(study, tmp_path / f"out_{at}", 1, url, 0.0)
+        _, said = rerun.communicate(timeout=120)
+        assert rerun.returncode == 0, said
+        kept = optuna.load_study(
+            study_name=study.stem, storage=open_storage(storage_url(None, url))
+        )
+        assert [t.state for t in kept.trials] == [STATE.COMPLETE] * 4
+        assert kept.metric_names == ["rms_m"]
+        at += 1
+    assert at == commits + 1 > 3
