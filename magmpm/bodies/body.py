@@ -10,7 +10,7 @@ from magmpm.bodies.assembly import Parts
 from magmpm.bodies.body_shape import BodyShape
 from magmpm.bodies.catheter import Catheter, Tube
 from magmpm.bodies.strip import Strip
-from magmpm.inputs.settings import Settings, fault, standing_for
+from magmpm.inputs.settings import Settings, standing_for
 
 CATHETER = {
     "length": "40 mm",
@@ -62,24 +62,13 @@ class Body(Settings):
         """Take a Tube, which users make in Python, as the catheter with its settings."""
         return catheter.model_dump(exclude_unset=True) if isinstance(catheter, Tube) else catheter
 
-    @model_validator(mode="after")
-    def _one(self) -> Body:
-        named = [key for key in type(self).model_fields if getattr(self, key) is not None]
-        if len(named) != 1:
-            raise fault(
-                f"must have one of the keys {', '.join(type(self).model_fields)}",
-                (
-                    "keep one of them"
-                    if named
-                    else "write, say, `catheter: {length: 40 mm, diameter: 4 mm, ...}`"
-                ),
-            )
-        return self
+    one_of = ("catheter", "strip", "parts")
+    written = "catheter: {length: 40 mm, diameter: 4 mm, ...}"
 
     @property
     def kind(self) -> str:
         """The key that is given: catheter, strip or parts."""
-        return next(key for key in type(self).model_fields if getattr(self, key) is not None)
+        return self.given
 
     @property
     def shape(self) -> BodyShape:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from magmpm.bodies.body_shape import Discretization, Region
 from magmpm.bodies.contact_solid import Solids, box_solid
@@ -70,14 +70,8 @@ class Harmonic(Settings):
         examples=["cw"],
     )
 
-    @model_validator(mode="after")
-    def _one_pitch(self) -> Harmonic:
-        if (self.wavelength is None) == (self.periods is None):
-            raise fault(
-                "give `wavelength` or `periods`, one of them",
-                "write, say, `harmonic: {periods: 1, phase: 45 deg}`",
-            )
-        return self
+    one_of = ("wavelength", "periods")
+    written = "harmonic: {periods: 1, phase: 45 deg}"
 
     def turns(self, length: float) -> float:
         """Full turns along a length (m)."""
@@ -212,14 +206,8 @@ class Strip(StraightBody):
             )
         return thickness
 
-    @model_validator(mode="after")
-    def _one_magnetization(self) -> Strip:
-        if (self.segments is None) == (self.magnetization_profile is None):
-            raise fault(
-                "give `segments` or `magnetization_profile`, one of them",
-                "write, say, `segments: [{magnetization: [1, 0, 0]}]`",
-            )
-        return self
+    one_of = ("segments", "magnetization_profile")
+    written = "segments: [{magnetization: [1, 0, 0]}]"
 
     @property
     def base(self) -> Vector:

@@ -168,14 +168,8 @@ class Walls(Obstacle):
     friction: Friction = 0.0
     stiffness: Stiffness = 1.0
 
-    @model_validator(mode="after")
-    def _one_lumen(self) -> Walls:
-        if (self.tube is None) == (self.surface is None):
-            raise fault(
-                "give `tube` or `surface`, one of them",
-                "write, say, `tube: {radius: 5 mm, path: vessel.csv}`",
-            )
-        return self
+    one_of = ("tube", "surface")
+    written = "tube: {radius: 5 mm, path: vessel.csv}"
 
     def records(
         self, scene: SceneLike, strength: float = 1.0, times: Array | None = None

@@ -11,7 +11,7 @@ from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from magmpm.fields.measured_map import read_schedule
 from magmpm.inputs.csv_tables import named_table
-from magmpm.inputs.settings import Angle, Duration, Quantity, Settings, fault
+from magmpm.inputs.settings import Angle, Duration, Quantity, Settings, check_rising, fault
 from magmpm.inputs.vectors import Axis, FluxVector, Point
 
 _Time = Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")]
@@ -158,16 +158,7 @@ class OverTime(Settings):
     @classmethod
     def _rising(cls, frames: tuple[Keyframe, ...] | None) -> tuple[Keyframe, ...] | None:
         given = frames or ()
-        for k in range(1, len(given)):
-            before = given[k - 1].time
-            now = given[k].time
-            if not now > before:
-                raise fault(
-                    f"times must rise from keyframe to keyframe; this one, {now:g} s, follows"
-                    f" {before:g} s",
-                    "sort the keyframes, each time once",
-                    (k, "time"),
-                )
+        check_rising([frame.time for frame in given], "times of keyframes", "time", "time")
         for k, frame in enumerate(given):
             if frame.strength is None and frame.uniform is None and frame.move is None:
                 raise fault(

@@ -172,14 +172,8 @@ class Magnet(Settings):
         examples=[[1, 0, 0]],
     )
 
-    @model_validator(mode="after")
-    def _one_shape(self) -> Magnet:
-        if (self.cuboid is None) == (self.cylinder is None):
-            raise fault(
-                "a magnet has one shape: cuboid or cylinder",
-                "write, say, `cylinder: {diameter: 20 mm, length: 20 mm}`",
-            )
-        return self
+    one_of = ("cuboid", "cylinder")
+    written = "cylinder: {diameter: 20 mm, length: 20 mm}"
 
 
 class Coil(Settings):

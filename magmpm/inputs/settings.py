@@ -5,10 +5,11 @@ Python (no file in the validation context) also take bare floats, in SI. Either 
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -18,6 +19,7 @@ from pydantic import (
     SerializationInfo,
     ValidationError,
     ValidationInfo,
+    model_validator,
 )
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -63,11 +65,27 @@ _MADE: Any = _Told  # mypy knows pydantic's metaclass by a private name alone
 class Settings(BaseModel, metaclass=_MADE):  # type: ignore[misc]
     """Base of every part of a scene or study: immutable, and unknown keys are errors.
 
-    `unknown_key`: the remedy for a key of which nothing is known.
+    `unknown_key`: the remedy for a key of which nothing is known. `one_of`: keys of which one must be given; `written`: such a one.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     unknown_key: ClassVar[str] = "remove it"
+    one_of: ClassVar[tuple[str, ...]] = ()
+    written: ClassVar[str] = ""
+
+    @model_validator(mode="after")
+    def _one_is_given(self) -> Self:
+        if self.one_of and sum(getattr(self, key) is not None for key in self.one_of) != 1:
+            *others, last = (f"`{key}`" for key in self.one_of)
+            raise fault(
+                f"give {', '.join(others)} or {last}, one of them", f"write, say, `{self.written}`"
+            )
+        return self
+
+    @property
+    def given(self) -> str:
+        """Which of `one_of` is given."""
+        return next(key for key in self.one_of if getattr(self, key) is not None)
 
     @staticmethod
     def by_other_keys(key: str, values: Any) -> Instead | None:
@@ -83,6 +101,14 @@ def standing_for(data: Any, keys: Mapping[Any, str]) -> Any:
 def fault(rule: str, remedy: str, at: Key = ()) -> PydanticCustomError:
     """Error for a validator to raise: the rule broken, what to do, and where below the validated key."""
     return PydanticCustomError("fault", "{rule}", {"rule": rule, "remedy": remedy, "at": list(at)})
+
+
+def check_rising(values: Sequence[float], named: str, kind: str, *key: str) -> None:
+    """Raises PydanticCustomError (see `fault`) for a value (SI) that is not above the one before; key: where below the value's number."""
+    for k, (before, now) in enumerate(pairwise(values), start=1):
+        if not now > before:
+            said = f"{format_si(now, KINDS[kind])} follows {format_si(before, KINDS[kind])}"
+            raise fault(f"{named} must rise: {said}", "sort them, each once", (k, *key))
 
 
 def from_file(info: ValidationInfo) -> bool:

@@ -30,6 +30,7 @@ from magmpm.inputs.settings import (
     Duration,
     Quantity,
     Settings,
+    check_rising,
     fault,
     from_file,
     standing_for,
@@ -199,14 +200,7 @@ class QuasiStatic(Settings):
     @field_validator("at")
     @classmethod
     def _rising(cls, times: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        for k, (before, now) in enumerate(zip(times or (), (times or ())[1:]), start=1):
-            if not now > before:
-                raise fault(
-                    f"times must rise; this one, {now:g} s, follows {before:g} s",
-                    "sort them, each time once; a load that returns is a field whose schedule"
-                    " returns",
-                    (k,),
-                )
+        check_rising(times or (), "times", "time")
         return times
 
     @model_validator(mode="after")

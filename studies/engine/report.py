@@ -436,7 +436,7 @@ def _verified_one(
     assert result.resolution is not None
     return {
         **about,
-        "verified_rms_m": root_mean_square(gaps(result, study.target)),
+        "verified_rms_m": root_mean_square(gaps(result.centreline, study.target)),
         "error_estimate_m": result.error_estimate,
         "cells_across": result.resolution["cells_across"],
         "coarse_error_m": next(

@@ -478,7 +478,7 @@ class Evaluation:
         array (m, 3), m
             The vectors.
         """
-        return gaps(result, self.target(number))
+        return gaps(result.centreline, self.target(number))
 
     def slopes(self, found: Sensitivities, number: int) -> Array:
         """Find the derivatives of an equilibrium's gaps.

@@ -118,15 +118,11 @@ class Answer:
             known = self.result.steps[int(k)].get("tip")
             if known is not None:  # all digits, which frames have not
                 return np.array(known)
-        x = self.particles(k)
         if of != "tip":
             on = self.region(of, at)
             volume = self.model.particles.volume[on]
-            return np.asarray(volume @ x[on] / volume.sum())
-        if self.motion is None and self.result is not None and x is self.result.particle_position:
-            tip = self.result.tip
-        else:
-            tip = of_particles(self.model, x)[1]
+            return np.asarray(volume @ self.particles(k)[on] / volume.sum())
+        tip = self.axis_and_tip(k)[1]
         if tip is None:
             raise InputError(
                 f"{at}.of",
@@ -135,6 +131,13 @@ class Answer:
                 remedy="name a part, or give the scene `body.parts.tip`",
             )
         return np.asarray(tip)
+
+    def axis_and_tip(self, k: float | None) -> tuple[Array, Array | None]:
+        """Rows [s, x, y, z] (m, 4) m of a straight body's axis, and the tip (3,) m if there is one, at moment k, None: undeformed."""
+        x = self.particles(k)
+        if self.motion is None and self.result is not None and x is self.result.particle_position:
+            return self.result.centreline, self.result.tip
+        return of_particles(self.model, x)[:2]
 
     def moment(self, time: float | None, otherwise: int, inserted: float | None = None) -> float:
         """Number of the moment at a time (s), or when a length (m) is out of the guide; `otherwise` where neither is given.

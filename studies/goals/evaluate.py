@@ -13,7 +13,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from magmpm.compiled.process import Died, Process, threads_each, with_threads
-from magmpm.errors import MagmpmError
+from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import validate
 from magmpm.results.trajectory import Motion
@@ -144,10 +144,10 @@ def _ready(_: object) -> Callable[[Callable[[], Any]], Any]:
     return operator.call
 
 
-def in_si(value: Any, measure: Measure, at: str) -> float:
-    """A bound or target of a measure in SI. Raises InputError."""
-    from magmpm.errors import InputError
-
+def in_si(value: Any, measure: Measure, at: str) -> float | None:
+    """A bound or target of a measure in SI; None of None. Raises InputError."""
+    if value is None:
+        return None
     kind = None if measure.kind is None else KINDS[measure.kind]
     if kind is None:
         if isinstance(value, bool) or not isinstance(value, (int, float)):

@@ -84,19 +84,13 @@ class Goal(Settings):
             raise fault("a goal has one measure", remedy)
         return measure
 
-    @model_validator(mode="after")
-    def _one(self) -> Goal:
-        if sum(each is not None for each in (self.maximize, self.minimize, self.target)) != 1:
-            raise fault(
-                "must have one of the keys maximize, minimize and target",
-                "write, say, `maximize: {travel: {of: body}}`, and a list of goals for several",
-            )
-        return self
+    one_of = ("maximize", "minimize", "target")
+    written = "maximize: {travel: {of: body}}"
 
     @property
     def key(self) -> str:
         """Its key."""
-        return next(k for k in ("maximize", "minimize", "target") if getattr(self, k) is not None)
+        return self.given
 
     @property
     def measure(self) -> Measure:

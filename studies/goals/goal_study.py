@@ -228,12 +228,8 @@ def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
     )
     bounds = tuple(
         (
-            None
-            if one.at_least is None
-            else evaluate.in_si(one.at_least, one, f"subject_to[{k}].at_least"),
-            None
-            if one.at_most is None
-            else evaluate.in_si(one.at_most, one, f"subject_to[{k}].at_most"),
+            evaluate.in_si(one.at_least, one, f"subject_to[{k}].at_least"),
+            evaluate.in_si(one.at_most, one, f"subject_to[{k}].at_most"),
         )
         for k, one in enumerate(file.subject_to)
     )

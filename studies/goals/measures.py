@@ -15,14 +15,18 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.spatial.transform import Rotation
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import PAIR, InputError, MagmpmError, in_mm, length, quantity
+from magmpm.inputs.csv_tables import named_table, read_centreline
 from magmpm.inputs.messages import Instead
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
 from magmpm.scene import Scene
 from magmpm.statics.surface_pairs import pair_name
 from magmpm.studies.goals.answer import Answer, inserted_at, pushed, time_of
+from magmpm.studies.problem.shape_distance import gaps, root_mean_square
+from magmpm.studies.search.study_checks import check_shape
 
 _Spot = Annotated[
     Annotated[str, Tag("name")] | Annotated[Point, Tag("point")],
@@ -43,12 +47,16 @@ ALONG: Any = Field(
 
 @dataclass(frozen=True)
 class Slopes:
-    """Derivatives by p parameters of equilibrium number k: of a place (3, p) m and of a moment (3, 3, p) m^2 by the name of a region and k,
-    and of an obstacle's force (3, p) N by its name and k. SI, per unit of each parameter."""
+    """Derivatives by p parameters of equilibrium number k, SI, per unit of each parameter.
+
+    Of a place (3, p) m and of a moment (3, 3, p) m^2 by the name of a region and k, of an obstacle's force (3, p) N by its name and k, and
+    of the gaps (m, 3, p) m to a target (m, 4) m at k.
+    """
 
     place: Callable[[str, float], Array]
     moment: Callable[[str, float], Array]
     force: Callable[[str, int], Array]
+    gaps: Callable[[Array, float], Array]
 
 
 class OneMeasure(Settings):
@@ -211,11 +219,24 @@ class Turn(AtMoment):
         return begin - share @ begin, now - share @ now, share
 
 
-class Distance(AtMoment):
-    """Distance of two places, m."""
+class Apart(AtMoment):
+    """A kind of measure that is the length of a vector, m."""
 
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
+
+    @abstractmethod
+    def parts(self, answer: Answer, at: str, of: Slopes) -> tuple[Array, Array]:
+        """Components (m,) of the vector, with their derivatives (m, k)."""
+
+    def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
+        apart, way = self.parts(answer, at, of)
+        return np.asarray(apart / max(float(np.linalg.norm(apart)), 1e-12) @ way)
+
+
+class Distance(Apart):
+    """Distance of two places, m."""
+
     between: tuple[_Spot, _Spot] = Field(
         description="Two of tip, body, names of parts and segments, and points [x, y, z].",
         examples=[["tip", ["30 mm", "0 mm", "5 mm"]]],
@@ -224,10 +245,6 @@ class Distance(AtMoment):
     def of_answer(self, answer: Answer, at: str) -> float:
         one, other = self._spots(answer, self.moment(answer), at)
         return float(np.linalg.norm(one - other))
-
-    def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
-        apart, way = self.parts(answer, at, of)
-        return np.asarray(apart / max(float(np.linalg.norm(apart)), 1e-12) @ way)
 
     def parts(self, answer: Answer, at: str, of: Slopes) -> tuple[Array, Array]:
         k = self.moment(answer)
@@ -249,6 +266,41 @@ class Distance(AtMoment):
         if not any(isinstance(of, str) for of in self.between):
             raise fault("one of the two must be of the body", "name the tip, a part or a segment")
         return self
+
+
+class Shape(Apart):
+    """Root mean square distance of a straight body's axis from a target shape, at equal arc lengths, m."""
+
+    centreline: Annotated[
+        tuple[tuple[float, float, float, float], ...],
+        named_table(lambda path: read_centreline(path).tolist(), None),
+    ] = Field(
+        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
+        examples=["../targets/s_shape.csv"],
+    )
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        return root_mean_square(self._gaps(answer))
+
+    def parts(self, answer: Answer, at: str, of: Slopes) -> tuple[Array, Array]:
+        way = of.gaps(np.array(self.centreline), self.moment(answer))
+        share = 1.0 / math.sqrt(len(self.centreline))
+        return share * self._gaps(answer).ravel(), share * way.reshape(-1, way.shape[-1])
+
+    def _gaps(self, answer: Answer) -> Array:
+        """Vectors (m, 3) m from the target's points to the axis."""
+        return gaps(answer.axis_and_tip(self.moment(answer))[0], np.array(self.centreline))
+
+    def check(self, scene: Scene, at: str) -> None:
+        """Raises InputError for a body without an axis, and for a target that is not of a body of this length."""
+        if not isinstance(scene.body.shape, StraightBody):
+            raise InputError(
+                at,
+                received="a body of parts",
+                rule="a shape is that of a straight body's axis",
+                remedy="write `target: {distance: {between: [PART, [x, y, z]]}, value: 0 mm}` for each part",
+            )
+        check_shape(np.array(self.centreline), scene.length, f"{at}.centreline")
 
 
 class ContactForce(Smooth):
@@ -414,6 +466,7 @@ KINDS: dict[str, type[OneMeasure]] = {
     "travel": Travel,
     "turn": Turn,
     "distance": Distance,
+    "shape": Shape,
     "contact_force": ContactForce,
     "strain": LargestStrain,
     "largest_field": LargestField,
@@ -448,6 +501,7 @@ class Measure(Settings):
     travel: Travel | None = of_kind(Travel, "{of: body, along: [1, 0, 0], from: 0.1 s}")
     turn: Turn | None = of_kind(Turn, "{of: body, about: [0, 1, 0]}")
     distance: Distance | None = of_kind(Distance, "{between: [finger_1, finger_2]}")
+    shape: Shape | None = of_kind(Shape, "{centreline: ../targets/s_shape.csv}")
     contact_force: ContactForce | None = of_kind(ContactForce, "{with: walls}")
     strain: LargestStrain | None = of_kind(LargestStrain)
     largest_field: LargestField | None = of_kind(LargestField)
@@ -463,21 +517,15 @@ class Measure(Settings):
         examples=["stride.py:stride"],
     )
 
-    @model_validator(mode="after")
-    def _one(self) -> Measure:
-        if sum(getattr(self, key) is not None for key in (*KINDS, "python")) != 1:
-            raise fault(
-                f"must have one of the keys {', '.join((*KINDS, 'python'))}",
-                "write, say, `travel: {of: body, along: [1, 0, 0]}`",
-            )
-        return self
+    one_of = (*KINDS, "python")
+    written = "travel: {of: body, along: [1, 0, 0]}"
 
     @property
     def name(self) -> str:
         """Its kind, or the function's name."""
         if self.python is not None:
             return self.python.rpartition(":")[2]
-        return next(key for key in KINDS if getattr(self, key) is not None)
+        return self.given
 
     @property
     def label(self) -> str:
@@ -510,9 +558,13 @@ class Measure(Settings):
         """Names of the regions whose places it measures."""
         said = {} if self.python is not None else getattr(self, self.name).model_dump()
         between = said.get("between", ())
-        places = [said.get("of"), *(of for of in between if isinstance(of, str))]
-        kinds = ("position", "displacement", "travel", "turn", "distance")
-        return {str(of) for of in places if of is not None and self.name in kinds}
+        places = [said.get("of", "body"), *(of for of in between if isinstance(of, str))]
+        along = KINDS.get(self.given, OneMeasure)
+        return (
+            {str(of) for of in places[bool(between) :]}
+            if issubclass(along, AtMoment | Travel)
+            else set()
+        )
 
     def check_moments(self, scene: Scene, at: str) -> None:
         """Raises InputError for a time at which the scene has no answer, a length that nobody pushes out of a guide, and a contact that
@@ -520,6 +572,8 @@ class Measure(Settings):
         kind = None if self.python is not None else getattr(self, self.name)
         if isinstance(kind, ContactForce):
             kind.named(scene, at)
+        if isinstance(kind, Shape):
+            kind.check(scene, f"{at}.shape")
         said = {key: getattr(kind, key, None) for key in ("at", "begin", "end", "inserted")}
         for key, value in said.items():
             if value is None:

@@ -25,6 +25,7 @@ from magmpm.scene.addresses import Place, value_at, written
 from magmpm.statics.linearized import Sensitivities
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import Measure, OneMeasure, Slopes, Smooth
+from magmpm.studies.problem.shape_distance import gap_derivatives
 
 Params = dict[str, float]
 Near = Sequence[Sequence[tuple[float, Params]]]  # for each way shares of a function at parameters
@@ -101,7 +102,13 @@ def values_and_slopes(
         there = near(k if scene.in_time else 1)
         return np.zeros((3, len(ways))) if there is None else there.contact_force(of) @ turns
 
-    slopes = Slopes(place, moment, force)
+    def gaps(target: Array, k: float) -> Array:
+        there = near(int(k))
+        if there is None:
+            return np.zeros((len(target), 3, len(ways)))
+        return gap_derivatives(there, target) @ turns
+
+    slopes = Slopes(place, moment, force, gaps)
     out = {}
     for at, data in measures.items():
         measure = validate(Measure, data)

@@ -10,21 +10,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array, Mask
-from magmpm.results.measures import centreline_at
-from magmpm.results.result import Result
 
 if TYPE_CHECKING:
     from magmpm.statics.linearized import Sensitivities
 
 
-def gaps(result: Result, target: Array) -> Array:
+def gaps(axis: Array, target: Array) -> Array:
     """Find the vectors from a target's points to the axis at the same arc lengths.
 
     Parameters
     ----------
-    result : Result
-        The body.
+    axis : array (k, 4), m
+        Rows [s, x, y, z] of the body's axis.
     target : array (m, 4), m
         Rows [s, x, y, z].
 
@@ -33,12 +32,13 @@ def gaps(result: Result, target: Array) -> Array:
     array (m, 3), m
         A vector for each row. Where the body is shorter than the target its tip is compared.
     """
-    return np.asarray(centreline_at(result, _stations(result, target)[0]) - target[:, 1:])
+    found = on_rows(axis[:, 0], axis[:, 1:], _stations(axis, target)[0])[0]
+    return np.asarray(found - target[:, 1:])
 
 
-def _stations(result: Result, target: Array) -> tuple[Array, Mask]:
+def _stations(axis: Array, target: Array) -> tuple[Array, Mask]:
     """Arc lengths (m,) m of the axis that are compared with the target, and at which the tip stands in. A table's rounding is no excess."""
-    length = result.centreline[-1, 0]
+    length = axis[-1, 0]
     beyond = target[:, 0] > length * (1 + 1e-6)
     return np.where(beyond, length, target[:, 0]), beyond
 
@@ -74,7 +74,7 @@ def gap_derivatives(sensitivities: Sensitivities, target: Array) -> Array:
     array (m, 3, k), m per unit
         Of each vector for each variable.
     """
-    stations, beyond = _stations(sensitivities.result, target)
+    stations, beyond = _stations(sensitivities.result.centreline, target)
     found = sensitivities.at(stations)
     found[beyond] = sensitivities.centreline[-1]
     return np.asarray(found)

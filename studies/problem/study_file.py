@@ -9,11 +9,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from magmpm.errors import show
 from magmpm.inputs.messages import Instead, plain_word
-from magmpm.inputs.settings import Key, Quantity, Settings, fault, write_json_schema
+from magmpm.inputs.settings import Key, Quantity, Settings, check_rising, fault, write_json_schema
 from magmpm.inputs.vectors import Axis
 from magmpm.scene import Scene
 from magmpm.studies.problem.sampler_names import NAMES, known_sampler
@@ -43,18 +51,8 @@ class Match(Settings):
         examples=["../targets/vessel_s.csv"],
     )
 
-    @model_validator(mode="after")
-    def _one(self) -> Match:
-        if (self.centreline is None) == (self.path is None):
-            raise fault(
-                "must have one of the keys centreline (a shape) and path (the way of an insertion)",
-                (
-                    "keep one of them"
-                    if self.path
-                    else "write, say, `centreline: ../targets/s_shape.csv`"
-                ),
-            )
-        return self
+    one_of = ("centreline", "path")
+    written = "centreline: ../targets/s_shape.csv"
 
 
 class MatchAt(Settings):
@@ -111,14 +109,12 @@ class Insertion(Settings):
         examples=[12],
     )
 
-    @model_validator(mode="after")
-    def _increasing(self) -> Insertion:
-        if isinstance(self.depths, tuple):
-            for k, (a, b) in enumerate(zip(self.depths, self.depths[1:], strict=False)):
-                if not a < b:
-                    rule = f"depths must increase: {1e3 * b:g} mm comes after {1e3 * a:g} mm"
-                    raise fault(rule, "sort them, each once", ("depths", k + 1))
-        return self
+    @field_validator("depths")
+    @classmethod
+    def _rising(cls, depths: int | tuple[float, ...]) -> int | tuple[float, ...]:
+        if isinstance(depths, tuple):
+            check_rising(depths, "depths", "length")
+        return depths
 
 
 class Schedule(Settings):
@@ -313,6 +309,13 @@ class StudyFile(Settings):
         examples=["{rms: 2 mm}"],
     )
 
+    @field_validator("match")
+    @classmethod
+    def _rising(cls, match: Match | tuple[MatchAt, ...]) -> Match | tuple[MatchAt, ...]:
+        if isinstance(match, tuple):
+            check_rising([shape.time for shape in match], "times", "time", "time")
+        return match
+
     @model_validator(mode="after")
     def _go_together(self) -> StudyFile:
         for broken in (
@@ -352,11 +355,6 @@ class StudyFile(Settings):
                 "add `schedule: {}`, or write `match: {centreline: ...}`",
                 ("match",),
             )
-        if isinstance(self.match, tuple):
-            for k, (a, b) in enumerate(zip(self.match, self.match[1:], strict=False)):
-                if not a.time < b.time:
-                    rule = f"times must increase: {b.time:g} s comes after {a.time:g} s"
-                    return rule, "sort the list, each time once", ("match", k + 1, "time")
         return None
 
     def _of_the_field(self) -> tuple[str, str, Key] | None:

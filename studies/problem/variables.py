@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from magmpm.inputs.messages import Instead
 from magmpm.inputs.quantities import KINDS, format_si
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis
@@ -162,6 +163,11 @@ class VaryWithin(Settings):
     log: bool = Field(
         default=False, description="Whether factors count in place of differences.", examples=[True]
     )
+
+    @staticmethod
+    def by_other_keys(key: str, values: Any) -> Instead | None:
+        goal = "`goal: {minimize: {shape: {centreline: target.csv}}}` in place of `match` has it"
+        return Instead(goal) if key in VaryNumber.model_fields else None
 
 
 class VaryNumber(VaryWithin):

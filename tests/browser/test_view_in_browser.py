@@ -136,7 +136,9 @@ def test_the_distance_to_a_target_is_told(view: View) -> None:
     target = ROOT / "data" / "targets" / "s_shape.csv"
     page = view(FIVE, "--cells", "2", "--target", str(target))
     settled(page)
-    rms = root_mean_square(gaps(run(load_scene(FIVE).with_cells(2)), read_centreline(target)))
+    rms = root_mean_square(
+        gaps(run(load_scene(FIVE).with_cells(2)).centreline, read_centreline(target))
+    )
     assert float(number(page, "rms to target").split()[0]) == pytest.approx(1e3 * rms, rel=6e-3)
     blue = (pixels(page)[:, :, 2] > 150) & (pixels(page)[:, :, 0] < 80)
     assert blue.sum() > 100

@@ -113,8 +113,8 @@ def test_measures_of_a_motion(fallen: Answer) -> None:
         ({"position": {"of": "nose"}}, "must be tip, body, or one of"),
         ({"turn": {"along": [0, 1, 0]}}, r"write `about: \[0, 1, 0\]`"),
         ({"contact_force": {"with": "walls"}}, "name ground, walls or self_contact in the scene"),
-        ({}, "must have one of the keys"),
-        ({"strain": {}, "stability": {}}, "must have one of the keys"),
+        ({}, "`python`, one of them"),
+        ({"strain": {}, "stability": {}}, "`python`, one of them"),
         ({"python": "none.py:f"}, "there is no file"),
     ],
 )
@@ -447,6 +447,7 @@ def test_directions_that_stand_around_an_axis(tmp_path: Path) -> None:
     assert second == pytest.approx([-0.5, 0.0, 0.75**0.5], abs=1e-15)
 
 
+ARC = "s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n8,7.9,0.1,0.8\n20,18,0.5,7\n"
 SMOOTH = """\
 scene: scene.yaml
 vary:
@@ -465,13 +466,15 @@ subject_to:
   - {turn: {of: body, about: [1, 0, 0]}, at_least: -90 deg}
   - {turn: {of: tip, about: [0, -1, 0]}, at_least: -90 deg}
   - {contact_force: {with: ground}, at_most: 1 N}
+  - {shape: {centreline: arc.csv}, at_most: 10 mm}
   - {field_energy: {}, at_most: 1}
 trials: 5
 """
 
 
 def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
-    """Of places of the tip, segments and the body, distance, turns, what presses, and the field; by angles, lengths, moduli."""
+    """Of places of the tip, segments and the body, distance, shape, turns, what presses, and the field; by angles, lengths, moduli."""
+    (tmp_path / "arc.csv").write_text(ARC)
     scene = SCENE.replace("magnetization: [0, 0, 0]", "magnetization: [1, 0, 0.5]")
     ground = "ground: {point: [0 mm, 0 mm, 2.6 mm], normal: [0.1, 0.2, -1]}"
     scene = scene.replace("magnetic_torque: {}", f"magnetic_torque: {{}}, {ground}")

@@ -211,7 +211,7 @@ def _answer(
 
     try:
         result = simulated(scene, RunOptions(start=following, on_progress=look))
-        rms = None if target is None else root_mean_square(gaps(result, target))
+        rms = None if target is None else root_mean_square(gaps(result.centreline, target))
         return "result", result, rms
     except Overtaken:
         return "overtaken", "", None
