@@ -158,7 +158,7 @@ class OverTime(Settings):
     @classmethod
     def _rising(cls, frames: tuple[Keyframe, ...] | None) -> tuple[Keyframe, ...] | None:
         given = frames or ()
-        check_rising([frame.time for frame in given], "times of keyframes", "time", "time")
+        check_rising([frame.time for frame in given], "times of keyframes", "s", "time")
         for k, frame in enumerate(given):
             if frame.strength is None and frame.uniform is None and frame.move is None:
                 raise fault(

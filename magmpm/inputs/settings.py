@@ -75,16 +75,18 @@ class Settings(BaseModel, metaclass=_MADE):  # type: ignore[misc]
 
     @model_validator(mode="after")
     def _one_is_given(self) -> Self:
-        if self.one_of and sum(getattr(self, key) is not None for key in self.one_of) != 1:
+        given = sum(getattr(self, key) is not None for key in self.one_of)
+        if self.one_of and given != 1:
             *others, last = (f"`{key}`" for key in self.one_of)
             raise fault(
-                f"give {', '.join(others)} or {last}, one of them", f"write, say, `{self.written}`"
+                f"give {', '.join(others)} or {last}, one of them",
+                "keep one of them" if given else f"write, say, `{self.written}`",
             )
         return self
 
     @property
     def given(self) -> str:
-        """Which of `one_of` is given."""
+        """The key of `one_of` that is given."""
         return next(key for key in self.one_of if getattr(self, key) is not None)
 
     @staticmethod
@@ -103,12 +105,12 @@ def fault(rule: str, remedy: str, at: Key = ()) -> PydanticCustomError:
     return PydanticCustomError("fault", "{rule}", {"rule": rule, "remedy": remedy, "at": list(at)})
 
 
-def check_rising(values: Sequence[float], named: str, kind: str, *key: str) -> None:
-    """Raises PydanticCustomError (see `fault`) for a value (SI) that is not above the one before; key: where below the value's number."""
+def check_rising(values: Sequence[float], named: str, unit: str, *key: str) -> None:
+    """Raises PydanticCustomError (see `fault`) for a value that is not above the one before; key: where below the value's number."""
     for k, (before, now) in enumerate(pairwise(values), start=1):
         if not now > before:
-            said = f"{format_si(now, KINDS[kind])} follows {format_si(before, KINDS[kind])}"
-            raise fault(f"{named} must rise: {said}", "sort them, each once", (k, *key))
+            rule = f"{named} must rise: {now:g} {unit} follows {before:g} {unit}"
+            raise fault(rule, "sort them, each once", (k, *key))
 
 
 def from_file(info: ValidationInfo) -> bool:

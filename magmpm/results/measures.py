@@ -132,6 +132,24 @@ def centreline_at(result: Result, s: Array) -> Array:
     return on_rows(result.centreline[:, 0], result.centreline[:, 1:], s)[0]
 
 
+def largest_distance(result: Result, target: Array) -> float:
+    """Find the largest distance between the axis and a target, at the same arc lengths.
+
+    Parameters
+    ----------
+    result : Result
+        The body.
+    target : array (m, 4), m
+        Rows [s, x, y, z].
+
+    Returns
+    -------
+    float, m
+        The distance.
+    """
+    return float(np.linalg.norm(centreline_at(result, target[:, 0]) - target[:, 1:], axis=1).max())
+
+
 def tip_of(result: Result) -> Array:
     """Find the tip of a body that has one.
 

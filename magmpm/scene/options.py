@@ -200,7 +200,7 @@ class QuasiStatic(Settings):
     @field_validator("at")
     @classmethod
     def _rising(cls, times: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        check_rising(times or (), "times", "time")
+        check_rising(times or (), "times", "s")
         return times
 
     @model_validator(mode="after")

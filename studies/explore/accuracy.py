@@ -353,7 +353,7 @@ def answer(result: Result) -> Array:
 def distance(result: Result, rows: Array) -> float:
     """Largest distance (m) between a result and rows [s, x, y, z] m, of another one or of a reference."""
     if len(result.centreline):
-        return farthest(measures.centreline_at(result, rows[:, 0]), rows[:, 1:])
+        return measures.largest_distance(result, rows)
     return farthest(answer(result)[:, 1:], rows[:, 1:])
 
 

@@ -20,7 +20,8 @@ from magmpm.scene.addresses import value_at, written
 from magmpm.scene.variables import check_differentiable, variables
 from magmpm.studies.goals import evaluate
 from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile, VaryAnything
-from magmpm.studies.goals.measures import Measure, function_of, source_of
+from magmpm.studies.goals.measures import Measure
+from magmpm.studies.goals.own_function import function_of, source_of
 from magmpm.studies.search.knobs import Knob, Turning, knobs
 
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import traceback
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -25,6 +23,7 @@ from magmpm.inputs.vectors import Axis, Point
 from magmpm.scene import Scene
 from magmpm.statics.surface_pairs import pair_name
 from magmpm.studies.goals.answer import Answer, inserted_at, pushed, time_of
+from magmpm.studies.goals.own_function import called, function_of
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.search.study_checks import check_shape
 
@@ -627,60 +626,10 @@ class Measure(Settings):
     def of_answer(self, answer: Answer, at: str, folder: Path) -> float:
         """The number, in SI. Raises InputError, or MagmpmError where a user's function fails."""
         if self.python is not None:
-            found = _called(function_of(self.python, folder, at), answer, at)
+            found = called(function_of(self.python, folder, at), answer, at)
         else:
             found = getattr(self, self.name).of_answer(answer, at)
         if not math.isfinite(found):
             named = self.python or self.name
             raise MagmpmError(f"{at}: {named} gave {found}, which is no finite number")
         return found
-
-
-def function_of(text: str, folder: Path, at: str) -> Callable[[Any], Any]:
-    """The function that FILE.py:FUNCTION names. Raises InputError."""
-    file, _, name = text.rpartition(":")
-    path = folder / file
-
-    def wrong(what: str) -> InputError:
-        return InputError(
-            f"{at}.python",
-            received=repr(text),
-            rule=what,
-            remedy="write FILE.py:FUNCTION, a file beside the study and a function in it",
-        )
-
-    if not file or not path.is_file():
-        raise wrong(f"there is no file {path}" if file else "must name a file and a function")
-    module = ModuleType(f"magmpm_goal_{path.stem}")
-    module.__file__ = str(path)
-    try:
-        # from its text: kept bytecode may be that of an edit within the same second
-        exec(compile(path.read_bytes(), path, "exec"), vars(module))
-    except Exception as error:
-        raise wrong(f"{path} raises {type(error).__name__}: {error}") from error
-    function = getattr(module, name, None)
-    if not callable(function):
-        raise wrong(f"{path} has no function {name}")
-    return function  # type: ignore[no-any-return]
-
-
-def source_of(text: str, folder: Path) -> str:
-    """The text of the file that FILE.py:FUNCTION names: what decides what it measures."""
-    return (folder / text.rpartition(":")[0]).read_text(encoding="utf-8")
-
-
-def _called(function: Callable[[Any], Any], answer: Answer, at: str) -> float:
-    """Call a user's function. Raises MagmpmError where it raises, or returns no number."""
-    try:
-        found = function(answer.result if answer.motion is None else answer.motion)
-    except Exception as error:
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        raise MagmpmError(
-            f"{at}.python: it raised {type(error).__name__}: {error}"
-            f" ({Path(place.filename).name}, line {place.lineno})"
-        ) from error
-    if isinstance(found, bool) or not isinstance(found, (int, float, np.integer, np.floating)):
-        raise MagmpmError(
-            f"{at}.python: it returned {type(found).__name__}, and must return a number"
-        )
-    return float(found)

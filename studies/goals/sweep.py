@@ -21,7 +21,8 @@ from magmpm.results.folder_lock import folder_lock
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import changed, places
 from magmpm.studies.goals import evaluate
-from magmpm.studies.goals.measures import KINDS, Measure, function_of, source_of
+from magmpm.studies.goals.measures import KINDS, Measure
+from magmpm.studies.goals.own_function import function_of, source_of
 
 ROWS = "rows.jsonl"
 TIP = "tip"

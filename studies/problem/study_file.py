@@ -113,7 +113,7 @@ class Insertion(Settings):
     @classmethod
     def _rising(cls, depths: int | tuple[float, ...]) -> int | tuple[float, ...]:
         if isinstance(depths, tuple):
-            check_rising(depths, "depths", "length")
+            check_rising([1e3 * depth for depth in depths], "depths", "mm")
         return depths
 
 
@@ -313,7 +313,7 @@ class StudyFile(Settings):
     @classmethod
     def _rising(cls, match: Match | tuple[MatchAt, ...]) -> Match | tuple[MatchAt, ...]:
         if isinstance(match, tuple):
-            check_rising([shape.time for shape in match], "times", "time", "time")
+            check_rising([shape.time for shape in match], "times", "s", "time")
         return match
 
     @model_validator(mode="after")

@@ -80,7 +80,7 @@ STRIPS = [
     edit("a plane of the fourth dimension", "plane: xz", "plane: xw", "body.strip.magnetization_profile.harmonic.plane", '"xw"', "'xz', 'xy' or 'yz'"),
     edit("turned left", "turn: cw", "turn: left", "body.strip.magnetization_profile.harmonic.turn", '"left"', "'ccw' or 'cw'"),
     edit("another material", "material: magnetic\n", "material: magnetc\n", "body.strip.material", '"magnetc"', 'did you mean "magnetic"?'),
-    edit("two bodies", "body:\n", "body:\n  catheter: {length: 40 mm, diameter: 4 mm, material: magnetic, segments: [{}]}\n", "body", "{", "one of the keys catheter, strip, parts", "keep one", line=4),
+    edit("two bodies", "body:\n", "body:\n  catheter: {length: 40 mm, diameter: 4 mm, material: magnetic, segments: [{}]}\n", "body", "{", "`catheter`, `strip` or `parts`, one of them", "keep one", line=4),
     edit("a misspelt body", "  strip:\n", "  stripe:\n", "body.stripe", "{", 'did you mean "strip"?'),
 ]
 

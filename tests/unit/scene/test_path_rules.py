@@ -74,7 +74,7 @@ def test_feed_may_be_named(tmp_path: Path) -> None:
         ([("steps: 4", "at: [0 s, 1 s], duration: 1 s")], ["`at` says when", "`duration`"]),
         (
             [("steps: 4", "at: [0 s, 0.5 s, 0.2 s]")],
-            [r"at\[2\]", "times must rise", "0.2 s, follows 0.5 s", "sort them"],
+            [r"at\[2\]", "times must rise", "0.2 s follows 0.5 s", "sort them"],
         ),
         ([("steps: 4", "at: [0 s]")], ["at", "2 or more entries", "`at: [0 s"]),
         ([("steps: 4", "steps: 0")], ["steps", "0"]),

@@ -1,0 +1,64 @@
+"""A user's function of a result or a motion as a measure: `python: FILE.py:FUNCTION`."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from magmpm.errors import InputError, MagmpmError
+from magmpm.studies.goals.answer import Answer
+
+
+def function_of(text: str, folder: Path, at: str) -> Callable[[Any], Any]:
+    """The function that FILE.py:FUNCTION names. Raises InputError."""
+    file, _, name = text.rpartition(":")
+    path = folder / file
+
+    def wrong(what: str) -> InputError:
+        return InputError(
+            f"{at}.python",
+            received=repr(text),
+            rule=what,
+            remedy="write FILE.py:FUNCTION, a file beside the study and a function in it",
+        )
+
+    if not file or not path.is_file():
+        raise wrong(f"there is no file {path}" if file else "must name a file and a function")
+    module = ModuleType(f"magmpm_goal_{path.stem}")
+    module.__file__ = str(path)
+    try:
+        # from its text: kept bytecode may be that of an edit within the same second
+        exec(compile(path.read_bytes(), path, "exec"), vars(module))
+    except Exception as error:
+        raise wrong(f"{path} raises {type(error).__name__}: {error}") from error
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise wrong(f"{path} has no function {name}")
+    return function  # type: ignore[no-any-return]
+
+
+def source_of(text: str, folder: Path) -> str:
+    """The text of the file that FILE.py:FUNCTION names: what decides what it measures."""
+    return (folder / text.rpartition(":")[0]).read_text(encoding="utf-8")
+
+
+def called(function: Callable[[Any], Any], answer: Answer, at: str) -> float:
+    """Call a user's function. Raises MagmpmError where it raises, or returns no number."""
+    try:
+        found = function(answer.result if answer.motion is None else answer.motion)
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise MagmpmError(
+            f"{at}.python: it raised {type(error).__name__}: {error}"
+            f" ({Path(place.filename).name}, line {place.lineno})"
+        ) from error
+    if isinstance(found, bool) or not isinstance(found, (int, float, np.integer, np.floating)):
+        raise MagmpmError(
+            f"{at}.python: it returned {type(found).__name__}, and must return a number"
+        )
+    return float(found)
