@@ -84,8 +84,7 @@ def mesh_solids(components: Sequence[Sequence[Array]], cell: float, gap: float =
     faces = [distance.faces_of(corners) for corners in outside]
     around = [_around(*each) for each in zip(tables, faces, strict=True)]
     first, before = (
-        np.cumsum([0, *each])
-        for each in ([table.coefficients.size for table in tables], map(len, faces))
+        np.cumsum([0, *each]) for each in ([table.flat.size for table in tables], map(len, faces))
     )
     point, face = (
         np.concatenate([each[n] + start[k] for k, each in enumerate(around)])
@@ -99,7 +98,7 @@ def mesh_solids(components: Sequence[Sequence[Array]], cell: float, gap: float =
         np.array([[*table.origin, table.spacing] for table in tables]),
         np.array([table.coefficients.shape for table in tables]),
         first,
-        np.concatenate([table.coefficients.ravel() for table in tables]),
+        np.concatenate([table.flat for table in tables]),
         near,
         np.concatenate(faces).ravel(),
     )

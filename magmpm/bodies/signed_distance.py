@@ -15,6 +15,7 @@ from magmpm.bodies.curves import face_normals
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere, inner, task_body
 from magmpm.compiled.parallel import TOGETHER, over_parts, parts_of, task
+from magmpm.compiled.simd import WIDTH, load, one_by_one, splat
 
 MOST_POINTS = 4_000_000  # 32 MB
 ON_EDGE = 3
@@ -45,11 +46,16 @@ class DistanceTable:
 
         return cls(origin, spacing, spline_filter(values, order=2, mode="mirror"))
 
+    @property
+    def flat(self) -> Array:
+        """The coefficients one after another, and room for the lanes that `value` loads beyond the last and does not use."""
+        return np.append(self.coefficients, np.zeros(WIDTH - 3))
+
     def at(self, points: Array) -> tuple[Array, Array]:
         """Distance (n,) m and its slope (n, 3) at points (n, 3) m; inf and 0 where the table does not reach."""
         found = np.full(len(points), np.inf)
         slopes = np.zeros((len(points), 3))
-        flat = self.coefficients.ravel()
+        flat = self.flat
         shape = self.coefficients.shape
         place = (points - self.origin) / self.spacing
         for n in np.flatnonzero(np.all((place >= 0.5) & (place < np.array(shape) - 1.5), axis=1)):
@@ -363,35 +369,37 @@ def _splines(p):
 @compiled_elsewhere
 def value(p, q, r, spacing, rows, columns, coefficients):
     """Distance (m) and the three components of its slope, at a place p, q, r in points from the table's first, each 0.5 or more and less
-    than the last by as much. rows, columns: points along y and z; coefficients flat.
+    than the last by as much. rows, columns: points along y and z; coefficients: `DistanceTable.flat`.
 
-    In scalars and tuples: small arrays in a particle loop, and views handed on, cost more than all the rest.
+    Row by row of three along z, in lanes of which the first three count. Small arrays in a particle loop, and views handed on, cost more
+    than all the rest.
     """
     i, u, du = _splines(p)
     j, v, dv = _splines(q)
     k, w, dw = _splines(r)
-    total = 0.0
-    sx = 0.0
-    sy = 0.0
-    sz = 0.0
+    first = ((i - 1) * rows + j - 1) * columns + k - 1
+    here = splat(0.0)
+    along_x = splat(0.0)
+    along_y = splat(0.0)
     for a in range(3):
-        plane = 0.0
-        plane_y = 0.0
-        plane_z = 0.0
+        plane = splat(0.0)
+        slope = splat(0.0)
         for b in range(3):
-            first = ((i - 1 + a) * rows + j - 1 + b) * columns + k - 1
-            c0 = coefficients[first]
-            c1 = coefficients[first + 1]
-            c2 = coefficients[first + 2]
-            line = w[0] * c0 + w[1] * c1 + w[2] * c2
-            plane += v[b] * line
-            plane_y += dv[b] * line
-            plane_z += v[b] * (dw[0] * c0 + dw[1] * c1 + dw[2] * c2)
-        total += u[a] * plane
-        sx += du[a] * plane
-        sy += u[a] * plane_y
-        sz += u[a] * plane_z
-    return total, sx / spacing, sy / spacing, sz / spacing
+            row = load(coefficients, first + (a * rows + b) * columns)
+            plane = plane + v[b] * row
+            slope = slope + dv[b] * row
+        here = here + u[a] * plane
+        along_x = along_x + du[a] * plane
+        along_y = along_y + u[a] * slope
+    c = one_by_one(here)
+    x = one_by_one(along_x)
+    y = one_by_one(along_y)
+    return (
+        w[0] * c[0] + w[1] * c[1] + w[2] * c[2],
+        (w[0] * x[0] + w[1] * x[1] + w[2] * x[2]) / spacing,
+        (w[0] * y[0] + w[1] * y[1] + w[2] * y[2]) / spacing,
+        (dw[0] * c[0] + dw[1] * c[1] + dw[2] * c[2]) / spacing,
+    )
 
 
 @inner

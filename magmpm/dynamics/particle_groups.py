@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.bodies.grid import spread
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.compiled.simd import WIDTH
 from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
 from magmpm.dynamics.wetted_pieces import wetted_pieces
@@ -14,6 +15,18 @@ from magmpm.kernels.impulses import SPLINES
 from magmpm.kernels.surface_contact import SortedSurfacePoints
 from magmpm.kernels.total_lagrangian_step import CellSlabs, Nodes, ParticleGroups
 from magmpm.model import Model
+
+NONE = np.zeros(0, np.int64)
+NOTHING = np.zeros(0)
+NO_SURFACE = ContactSurface(
+    NOTHING.reshape(0, 3),
+    NONE.reshape(0, 3),
+    NOTHING.reshape(0, 3, 3),
+    NOTHING,
+    NONE,
+    (NOTHING.reshape(0, 3), NONE),
+    NOTHING,
+)
 
 
 @dataclass(frozen=True)
@@ -61,14 +74,7 @@ def pack(model: Model) -> Packed:
     )
     cell_key = np.column_stack([first, model.particles.segment, model.particles.cell[:, 0]])[order]
     starts = np.flatnonzero(np.any(np.diff(cell_key, axis=0, prepend=-1) != 0, axis=1))
-    ends = np.append(starts[1:], len(order))
-    groups = -(-(ends - starts) // WIDTH)
-    cell_group = np.concatenate([[0], np.cumsum(groups)])
-    lane_of = np.arange(cell_group[-1] * WIDTH).reshape(-1, WIDTH)
-    cell = np.repeat(np.arange(len(starts)), groups)
-    within = lane_of - (cell_group[cell] * WIDTH)[:, None]
-    real = within < (ends - starts)[cell][:, None]
-    particle = order[np.where(real, starts[cell][:, None] + within, starts[cell][:, None])]
+    cell_group, particle, real = _groups(order, starts)
 
     weights, slopes = model.splines()
     slopes *= np.array(model.grid.spacing)[:, None]
@@ -86,12 +92,12 @@ def pack(model: Model) -> Packed:
     strides = (int(shape[1] * shape[2]), int(shape[2]))
     base = first @ np.array([*strides, 1])
     lumped, inverse, place = _nodes(model, weights, first)
-    active = np.flatnonzero(lumped > 0).astype(np.int64)
+    active = np.flatnonzero(lumped > 0)
     mass = nodal_mass(model, weights, base, strides, (lumped, inverse, place), active)
     slab_of_cell = slab[order[starts]]
     cells = CellSlabs(
-        slab_first=np.searchsorted(slab_of_cell, np.arange(len(slabs))).astype(np.int64),
-        first_group=cell_group.astype(np.int64),
+        slab_first=np.searchsorted(slab_of_cell, np.arange(len(slabs))),
+        first_group=cell_group,
         first_node=base[order[starts]],
         shear=model.shear[order[starts]],
         bulk=model.bulk[order[starts]],
@@ -126,37 +132,40 @@ def _surface(
 ) -> tuple[SortedSurfacePoints, Index]:
     """The contact surface of a model, empty where it has none, with its patches in slabs across an axis, and which of the model's points
     each of its points is; least: first node there; slabs: first cell of each."""
-    found = model.surface
-    if found is None:
-        nothing = np.zeros(0)
-        none = np.zeros(0, np.int64)
-        packed = SortedSurfacePoints(
-            first_patch=np.zeros(len(slabs), np.int64),
-            first_point=np.zeros(1, np.int64),
-            first_node=none,
-            weights=nothing,
-            place=nothing,
-            mass=nothing,
-            friction=nothing,
-            splines=nothing,
-            wetted=wetted,
-        )
-        return packed, none
+    found = model.surface or NO_SURFACE
     slab = np.searchsorted(slabs, found.first[:, axis] - least, side="right") - 1
     order = np.lexsort((*found.first.T[::-1], slab))
     starts = np.flatnonzero(np.any(np.diff(found.first[order], axis=0, prepend=-1) != 0, axis=1))
+    first_group, point, _ = _groups(order, starts)
+    pattern, kinds = _alike(_lanes(found.weights.reshape(-1, 9), point))
     packed = SortedSurfacePoints(
-        first_patch=np.searchsorted(slab[order][starts], np.arange(len(slabs))).astype(np.int64),
-        first_point=np.append(starts, len(order)).astype(np.int64),
+        first_patch=np.searchsorted(slab[order][starts], np.arange(len(slabs))),
+        first_point=np.append(starts, len(order)),
         first_node=(found.first[order][starts] @ np.array([*strides, 1])).astype(np.int64),
         weights=found.weights[order].ravel(),
         place=found.place[order].ravel(),
         mass=found.mass[order],
         friction=found.friction[order],
+        first_group=first_group,
+        pattern=pattern,
+        lanes=kinds.ravel(),
+        rest=_lanes(found.place, point).ravel(),
         splines=np.zeros(SPLINES * len(starts)),
         wetted=wetted,
     )
     return packed, order
+
+
+def _groups(order: Index, starts: Index) -> tuple[Index, Index, Mask]:
+    """The first group of each cell, and after the last; what is in the lanes (groups, 8), in this order by cells that begin at `starts`;
+    and whether it is there the first time: what a last group lacks are repetitions of its cell's first."""
+    ends = np.append(starts[1:], len(order))
+    groups = -(-(ends - starts) // WIDTH)
+    first = np.append(0, np.cumsum(groups))
+    cell = np.repeat(np.arange(len(starts)), groups)
+    within = np.arange(first[-1] * WIDTH).reshape(-1, WIDTH) - (first[cell] * WIDTH)[:, None]
+    real = within < (ends - starts)[cell][:, None]
+    return first, order[starts[cell][:, None] + np.where(real, within, 0)], real
 
 
 def _lanes(values: Array, particle: Index) -> Array:
@@ -178,7 +187,7 @@ def _alike(groups: Array) -> tuple[Index, Array]:
         kind[g] = seen.setdefault(rounded[g].tobytes(), len(first))
         if kind[g] == len(first):
             first.append(g)
-    return kind * groups[0].size, groups[first]
+    return kind * groups[:1].size, groups[first]
 
 
 def _nodes(model: Model, w: Array, first: Index) -> tuple[Array, Array, Array]:

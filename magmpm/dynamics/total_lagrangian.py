@@ -6,11 +6,11 @@ where they are due at the end of the step, and never drift. What holds them does
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from magmpm.bodies.grid import each_node
 from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import WIDTH
@@ -356,18 +356,16 @@ class TotalMotion:
 
     def touching_points(self) -> Touching:
         """The points of the surface, in the order of `packed`, at the time of their displacements."""
-        on = self.packed.surface
-        cells = self.packed.cells
-        if not len(on.mass):
+        found = self.model.surface
+        if found is None:
             return at_rest(np.zeros((0, 3)))
-        weights = on.weights.reshape(-1, 3, 3)
-        node = np.repeat(on.first_node, np.diff(on.first_point))
-        x = on.place.reshape(-1, 3).copy()
+        on = self.packed.surface
+        order = self.packed.point
+        x = found.place[order]
         moved = self.u.reshape(-1, 3)
-        for a, b, c in product(range(3), repeat=3):
-            at = node + a * cells.along_x + b * cells.along_y + c
-            share = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
-            x = x + share[:, None] * moved[at]
+        places = found.first[order], self.model.nodes_in_motion, found.weights[order]
+        for node, share in each_node(*places):
+            x = x + share[:, None] * moved[node]
         kept = np.repeat(self.touching[:-1].reshape(-1, PATCH), np.diff(on.first_point), axis=0)
         return Touching(x, on.mass, on.friction, kept[:, :3].copy(), kept[:, MOST_PUSH].copy())
 

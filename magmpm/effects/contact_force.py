@@ -25,14 +25,17 @@ LEAST_FRICTION = 1e-9  # of the largest friction: a point with so little less sl
 
 
 @inner
-def push(depth, n0, n1, n2, mass, stiffness, friction, f):
-    """f += the push along n, its grip and rigidity. n: unit normal out of the obstacle; depth m; mass kg; stiffness over mass 1/s^2."""
-    rigidity = mass * stiffness
+def push(depth, s0, s1, s2, rigidity, friction, f):
+    """f += the push at a depth (m), its grip and rigidity. s: slope of the distance out of the obstacle; rigidity: as of `spring`.
+
+    Times the slope's size, which a table has near 1: the exact slope of the energy.
+    """
     normal = rigidity * depth
-    f[0] += normal * n0
-    f[1] += normal * n1
-    f[2] += normal * n2
-    f[GRIP] += friction * normal
+    f[0] += normal * s0
+    f[1] += normal * s1
+    f[2] += normal * s2
+    if friction > 0.0:
+        f[GRIP] += friction * normal * math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
     f[RIGIDITY] += rigidity
 
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, field_validator
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.jit import compiled, inlined
 from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
@@ -96,7 +96,7 @@ class Ground(Obstacle):
         return unreached("ground", self.WORDS, limits, self.height(limits.base))
 
 
-@inner
+@inlined
 def depth(effect, x):
     """Depth (m) of a point x below the plane; negative above it."""
     p = effect.ground_point
@@ -104,13 +104,13 @@ def depth(effect, x):
     return -((x[0] - p[0]) * n[0] + (x[1] - p[1]) * n[1] + (x[2] - p[2]) * n[2])
 
 
-@compiled
+@inlined
 def contact(effect, data, x, mass, f):
     """f += the plane's push and grip (contact_force). Returns the depth, m."""
     below = depth(effect, x)
     if below > 0.0:
         n = effect.ground_normal
-        push(below, n[0], n[1], n[2], mass, effect.ground_stiffness, effect.ground_friction, f)
+        push(below, n[0], n[1], n[2], mass * effect.ground_stiffness, effect.ground_friction, f)
     return below
 
 

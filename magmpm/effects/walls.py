@@ -6,7 +6,6 @@ friction and stiffness see effects.contact_law. Outside of the table, as beyond 
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
@@ -19,7 +18,7 @@ from magmpm.bodies.curves import curve, tightest_radius
 from magmpm.bodies.signed_distance import DistanceTable, curvature, value
 from magmpm.bodies.surface_mesh import outline, read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.jit import compiled, inlined
 from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
@@ -45,10 +44,9 @@ _PATH = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "minItem
 
 def parameters(table: DistanceTable, **pushing: float) -> Records:
     """Parameters for the kernels: see contact_force.push."""
-    flat = np.ascontiguousarray(table.coefficients).ravel()
     return obstacle_record(
         DTYPE,
-        flat,
+        table.flat,
         origin=table.origin,
         spacing=table.spacing,
         shape=table.coefficients.shape,
@@ -269,43 +267,39 @@ def _surface_table(surface: Surface, spacing: float) -> DistanceTable:
     return distance.solid([corners], corners, spacing, 0.0)
 
 
-@inner
+@inlined
+def _place(effect, x):
+    """Place of x in points of the table from its first."""
+    o = effect.walls_origin
+    s = effect.walls_spacing
+    return (x[0] - o[0]) / s, (x[1] - o[1]) / s, (x[2] - o[2]) / s
+
+
+@inlined
 def depth(effect, data, x):
     """Distance (m) of a point x beyond the wall, negative inside; slope of the distance, inwards."""
     s = effect.walls_spacing
-    p = (x[0] - effect.walls_origin[0]) / s
-    q = (x[1] - effect.walls_origin[1]) / s
-    r = (x[2] - effect.walls_origin[2]) / s
-    planes = effect.walls_shape[0]
-    rows = effect.walls_shape[1]
-    columns = effect.walls_shape[2]
-    if not (0.5 <= p < planes - 1.5 and 0.5 <= q < rows - 1.5 and 0.5 <= r < columns - 1.5):
+    p, q, r = _place(effect, x)
+    i = int(p + 0.5)
+    j = int(q + 0.5)
+    k = int(r + 0.5)
+    planes, rows, columns = effect.walls_shape
+    if not (0 < i < planes - 1 and 0 < j < rows - 1 and 0 < k < columns - 1):
         return -np.inf, 0.0, 0.0, 0.0
     # The nearest coefficient differs from the distance by at most 2 s: for most points this decides.
-    near = data[(int(p + 0.5) * rows + int(q + 0.5)) * columns + int(r + 0.5)]
+    near = data[(i * rows + j) * columns + k]
     if near > 2.0 * s:
         return 2.0 * s - near, 0.0, 0.0, 0.0  # no point is deeper
     distance, sx, sy, sz = value(p, q, r, s, rows, columns, data)
     return -distance, sx, sy, sz
 
 
-@compiled
+@inlined
 def contact(effect, data, x, mass, f):
     """f += the wall's push and grip (contact_force). Returns the distance beyond the wall, m."""
     beyond, sx, sy, sz = depth(effect, data, x)
     if beyond > 0.0:
-        size = math.sqrt(sx * sx + sy * sy + sz * sz)
-        if size > 0.0:  # times the slope's size: the exact slope of the energy
-            push(
-                beyond,
-                sx / size,
-                sy / size,
-                sz / size,
-                mass,
-                effect.walls_stiffness * size,
-                effect.walls_friction,
-                f,
-            )
+        push(beyond, sx, sy, sz, mass * effect.walls_stiffness, effect.walls_friction, f)
     return beyond
 
 
@@ -316,13 +310,9 @@ def touch(effect, data, x, mass, f, H):
     if not beyond > 0.0:
         return 0.0
     rigidity = mass * effect.walls_stiffness
-    s = effect.walls_spacing
-    rows = effect.walls_shape[1]
-    columns = effect.walls_shape[2]
-    o = effect.walls_origin
-    xx, yy, zz, xy, xz, yz = curvature(
-        (x[0] - o[0]) / s, (x[1] - o[1]) / s, (x[2] - o[2]) / s, s, rows, columns, data
-    )
+    _, rows, columns = effect.walls_shape
+    p, q, r = _place(effect, x)
+    xx, yy, zz, xy, xz, yz = curvature(p, q, r, effect.walls_spacing, rows, columns, data)
     bent = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     for i in range(3):
         for j in range(3):

@@ -10,7 +10,6 @@ theirs. Held parts have no points, and are obstacles.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,12 +28,12 @@ from magmpm.effects.contact_force import (
     touches,
 )
 from magmpm.kernels.impulses import (
-    add_at,
+    add_force,
     come_to,
-    field_at,
     give_at,
     new_places,
     quicken,
+    sum_at,
     turned,
     velocity_at,
 )
@@ -239,6 +238,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     inverse = np.empty((3, 3))
     f = np.empty(PARTS)
     n = np.empty(3)
+    own = new_places(1)
     for pair in range(first, len(meeting.point), apart):
         at = MEMORY * pair
         p = meeting.point[pair]
@@ -248,7 +248,8 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
             continue
         cell = int(memory[at + CELL])
         X[:] = memory[at + PLACE : at + PLACE + 3]
-        u = field_at(state.u, meeting.node[pair], along_x, along_y, surface.weights, 9 * p)
+        come_to(own, 0, meeting.node[pair], surface.weights, 9 * p)
+        u = sum_at(own.splines, 0, meeting.node[pair], along_x, along_y, state.u)
         for i in range(3):
             x[i] = surface.place[3 * p + i] + u[i]
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
@@ -261,11 +262,9 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         friction = named if named >= 0.0 else law[1]
         for i in range(3):
             n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
-        size = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
-        n /= size
-        mass = cells.share[cell] * surface.mass[p]
         f[:] = 0.0
-        push(-d, n[0], n[1], n[2], mass, law[0] * size, friction, f)
+        rigidity = cells.share[cell] * surface.mass[p] * law[0]
+        push(-d, n[0], n[1], n[2], rigidity, friction, f)
         touches(f, memory, at + FRICTION)
         memory[at + DEPTH] = -d
         memory[at + FORCE : at + FORCE + 3] = f[:3]
@@ -281,6 +280,7 @@ def _add_all(meeting, surface, along_x, along_y, force):
     cells = _cells(meeting)
     value = np.empty(9)
     slope = np.empty(9)
+    place = new_places(1)
     rubs = 0.0
     for pair in range(len(meeting.point)):
         at = MEMORY * pair
@@ -292,9 +292,11 @@ def _add_all(meeting, surface, along_x, along_y, force):
         f0 = memory[at + FORCE]
         f1 = memory[at + FORCE + 1]
         f2 = memory[at + FORCE + 2]
-        add_at(force, meeting.node[pair], along_x, along_y, surface.weights, 9 * p, (f0, f1, f2))
+        come_to(place, 0, meeting.node[pair], surface.weights, 9 * p)
+        add_force(place.splines, 0, meeting.node[pair], along_x, along_y, (f0, f1, f2), force)
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
-        add_at(force, cells.node[cell], along_x, along_y, value, 0, (-f0, -f1, -f2))
+        come_to(place, 0, cells.node[cell], value, 0)
+        add_force(place.splines, 0, cells.node[cell], along_x, along_y, (-f0, -f1, -f2), force)
     return rubs
 
 
@@ -318,8 +320,8 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
         cell = int(memory[at + CELL])
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
         own = 9 * meeting.point[pair]
-        come_to(both, 0, meeting.node[pair], along_x, along_y, surface.weights, own)
-        come_to(both, 1, cells.node[cell], along_x, along_y, value, 0)
+        come_to(both, 0, meeting.node[pair], surface.weights, own)
+        come_to(both, 1, cells.node[cell], value, 0)
         give = give_at(both, 0, along_x, along_y, correction, inverse_mass)
         give += give_at(both, 1, along_x, along_y, correction, inverse_mass)
         if not give > 0.0:  # both are held

@@ -9,7 +9,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import inlined, inner
-from magmpm.compiled.simd import eight, load, one_by_one, splat, store
+from magmpm.compiled.simd import eight, load, one_by_one, splat, store, sums, total
 from magmpm.kernels.mass_correction import (
     KNOTS_SEEN,
     NEARBY,
@@ -32,37 +32,51 @@ def _components(low, last):
 
 
 @inlined
-def field_at(field, node, along_x, along_y, weights, at):
-    """Value of a nodal field (3 nodes,) at a point whose splines along x, y, z begin at weights[at]; node: the cell's first one."""
-    low = splat(0.0)
-    last = 0.0
+def gather_value(field, node, along_x, along_y, splines, first, value):
+    """Value (3 8,) of a nodal field (3 nodes,) at a group of eight places in a cell, whose splines begin at splines[first]."""
+    zero = splat(0.0)
+    u0 = zero
+    u1 = zero
+    u2 = zero
+    nz0 = load(splines, first + 48)
+    nz1 = load(splines, first + 56)
+    nz2 = load(splines, first + 64)
     for a in range(3):
+        p0 = zero
+        p1 = zero
+        p2 = zero
         for b in range(3):
             k = 3 * (node + a * along_x + b * along_y)
-            share = weights[at + a] * weights[at + 3 + b]
-            low = low + share * load(field, k)
-            last += share * field[k + 8]
-    z0 = weights[at + 6]
-    z1 = weights[at + 7]
-    z2 = weights[at + 8]
-    return _components(low * eight(z0, z0, z0, z1, z1, z1, z2, z2), last * z2)
+            ny = load(splines, first + 24 + 8 * b)
+            p0 = p0 + ny * (nz0 * field[k] + nz1 * field[k + 3] + nz2 * field[k + 6])
+            p1 = p1 + ny * (nz0 * field[k + 1] + nz1 * field[k + 4] + nz2 * field[k + 7])
+            p2 = p2 + ny * (nz0 * field[k + 2] + nz1 * field[k + 5] + nz2 * field[k + 8])
+        nx = load(splines, first + 8 * a)
+        u0 = u0 + nx * p0
+        u1 = u1 + nx * p1
+        u2 = u2 + nx * p2
+    store(value, 0, u0), store(value, 8, u1), store(value, 16, u2)
 
 
 @inlined
-def add_at(field, node, along_x, along_y, weights, at, f):
-    """Add f, a triple, at a point to a nodal field (3 nodes,): what `field_at` reads, backward."""
-    z0 = weights[at + 6]
-    z1 = weights[at + 7]
-    z2 = weights[at + 8]
-    x, y, z = f
-    low = eight(z0 * x, z0 * y, z0 * z, z1 * x, z1 * y, z1 * z, z2 * x, z2 * y)
-    last = z2 * z
+def scatter_value(field, node, along_x, along_y, splines, first, f):
+    """Add f, a triple of lanes, at a group of eight places to a nodal field (3 nodes,): what `gather_value` reads, backward."""
+    nz0 = load(splines, first + 48)
+    nz1 = load(splines, first + 56)
+    nz2 = load(splines, first + 64)
     for a in range(3):
+        nx = load(splines, first + 8 * a)
         for b in range(3):
             k = 3 * (node + a * along_x + b * along_y)
-            share = weights[at + a] * weights[at + 3 + b]
-            store(field, k, load(field, k) + share * low)
-            field[k + 8] += share * last
+            share = nx * load(splines, first + 24 + 8 * b)
+            n0 = share * f[0]
+            n1 = share * f[1]
+            n2 = share * f[2]
+            added = sums(
+                n0 * nz0, n1 * nz0, n2 * nz0, n0 * nz1, n1 * nz1, n2 * nz1, n0 * nz2, n1 * nz2
+            )
+            store(field, k, load(field, k) + added)
+            field[k + 8] += total(n2 * nz2)
 
 
 class Places(NamedTuple):
@@ -95,7 +109,7 @@ def new_places(count):
 
 
 @inner
-def come_to(places, k, node, along_x, along_y, weights, at):
+def come_to(places, k, node, weights, at):
     """Set place k by its cell's first node, and its splines along each axis from index `at` of weights on."""
     places.node[k] = node
     z0 = weights[at + 6]

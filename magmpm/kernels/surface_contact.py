@@ -17,6 +17,8 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inner, task_body
 from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
+from magmpm.compiled.simd import WIDTH, load, store
+from magmpm.compiled.simd_views import row
 from magmpm.effects.calls import call_each, given_for, points_from, pushes
 from magmpm.effects.contact_force import (
     GRIP,
@@ -34,12 +36,12 @@ from magmpm.kernels.fluid_drag import WettedPieces
 from magmpm.kernels.impulses import (
     SPLINES,
     Places,
-    add_at,
     add_force,
-    field_at,
+    gather_value,
     give_at,
     new_places,
     quicken,
+    scatter_value,
     turned,
     velocity_at,
 )
@@ -54,6 +56,8 @@ class SortedSurfacePoints(NamedTuple):
 
     first_patch (slabs + 1,), first_point (patches + 1,): of each slab and patch; first_node (patches,); weights (9 points,): splines along
     x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer; friction (points,) of their own material, or nan.
+    first_group (patches + 1,): points in groups of eight lanes, of which a last one that is not full repeats its first point; pattern
+    (groups,): where the splines of a group begin in lanes (patterns 72,), shared by groups that are alike; rest (groups 3 8,): places.
     wetted: what of it a fluid meets. splines (SPLINES patches,): room for those by which a patch's friction acts on its nodes in this step.
     """
 
@@ -64,17 +68,12 @@ class SortedSurfacePoints(NamedTuple):
     place: Array
     mass: Array
     friction: Array
+    first_group: Index
+    pattern: Index
+    lanes: Array
+    rest: Array
     splines: Array
     wetted: WettedPieces
-
-
-@inner
-def _most_points(surface):
-    """Number of points of the largest patch."""
-    most = 0
-    for patch in range(len(surface.first_node)):
-        most = max(most, surface.first_point[patch + 1] - surface.first_point[patch])
-    return most
 
 
 @inner
@@ -88,10 +87,15 @@ def touch(slab, step, surface, cells, state, calls, slabs):
     slabs.push[slab] = 0.0
     if len(calls.contact) == 0:
         return
-    most_points = _most_points(surface)
-    places = np.empty((most_points, 3))
-    found = np.empty(most_points)
-    pushed = np.empty((most_points, PARTS))
+    patches = range(surface.first_patch[slab], surface.first_patch[slab + 1])
+    most_groups = 0
+    for patch in patches:
+        most_groups = max(most_groups, surface.first_group[patch + 1] - surface.first_group[patch])
+    places = np.empty((WIDTH * most_groups, 3))
+    found = np.empty(len(places))
+    pushed = np.empty((len(places), PARTS))
+    parts = np.empty(PARTS * WIDTH)
+    moved = np.empty(3 * WIDTH)
     whole = np.empty(PARTS)
     mean = np.empty(SPLINES)
     given = given_for()
@@ -99,19 +103,24 @@ def touch(slab, step, surface, cells, state, calls, slabs):
     way = kept[-1]
     along_x = cells.along_x
     along_y = cells.along_y
-    weights = surface.weights
-    for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
+    for patch in patches:
         own = PATCH * patch
         if way < kept[own + ROOM]:
             continue
         node = surface.first_node[patch]
         first = surface.first_point[patch]
         count = surface.first_point[patch + 1] - first
-        for k in range(count):
-            x, y, z = field_at(state.u, node, along_x, along_y, weights, 9 * (first + k))
-            places[k, 0] = surface.place[3 * (first + k)] + x
-            places[k, 1] = surface.place[3 * (first + k) + 1] + y
-            places[k, 2] = surface.place[3 * (first + k) + 2] + z
+        begun = surface.first_group[patch]
+        groups = surface.first_group[patch + 1] - begun
+        for group in range(groups):
+            at = surface.pattern[begun + group]
+            gather_value(state.u, node, along_x, along_y, surface.lanes, at, moved)
+            for i in range(3):
+                rest = load(surface.rest, WIDTH * (3 * (begun + group) + i))
+                store(moved, WIDTH * i, load(moved, WIDTH * i) + rest)
+            for k in range(WIDTH):
+                for i in range(3):
+                    places[WIDTH * group + k, i] = moved[WIDTH * i + k]
         depth = found[:count]
         pushes(calls.contact, step, given, places, surface.mass[first:], depth, pushed)
         most = depth.max()
@@ -125,16 +134,21 @@ def touch(slab, step, surface, cells, state, calls, slabs):
         whole[:] = 0.0
         mean[:] = 0.0
         for k in range(count):
-            if not depth[k] > 0.0:
-                continue
-            f = pushed[k]
-            own_grip(surface.friction[first + k], f)
+            if depth[k] > 0.0:
+                f = row(pushed, PARTS * k)
+                own_grip(surface.friction[first + k], f)
+                for i in range(PARTS):
+                    whole[i] += f[i]
+        for group in range(groups):
             for i in range(PARTS):
-                whole[i] += f[i]
-            at = 9 * (first + k)
-            add_at(state.force, node, along_x, along_y, weights, at, (f[0], f[1], f[2]))
-            if f[GRIP] > 0.0:
-                add_at(mean, 0, 9, 3, weights, at, (f[GRIP], f[GRIP], f[GRIP]))
+                for k in range(WIDTH):
+                    parts[WIDTH * i + k] = pushed[WIDTH * group + k, i]
+            f = (load(parts, 0), load(parts, WIDTH), load(parts, 2 * WIDTH))
+            at = surface.pattern[begun + group]
+            scatter_value(state.force, node, along_x, along_y, surface.lanes, at, f)
+            if whole[GRIP] > 0.0:
+                grip = load(parts, WIDTH * GRIP)
+                scatter_value(mean, 0, 9, 3, surface.lanes, at, (grip, grip, grip))
         push = math.sqrt(whole[0] ** 2 + whole[1] ** 2 + whole[2] ** 2)
         if touches(whole, kept, own) > 0.0:
             slabs.rubs[slab] += 1.0

@@ -40,6 +40,7 @@ from magmpm.kernels.body_contact import (
 from magmpm.kernels.fluid_drag import carry, immerse
 from magmpm.kernels.flutter import count_swings
 from magmpm.kernels.grid_step import move_nodes, push_nodes, push_time, update_grid
+from magmpm.kernels.impulses import gather_value
 from magmpm.kernels.mass_correction import begin_impulses, correct, spread_loads
 from magmpm.kernels.particle_group import add_one_by_one, group_room
 from magmpm.kernels.surface_contact import rub, rubbing_patches, touch
@@ -119,33 +120,6 @@ def gather(field, node, along_x, along_y, splines, first, gradient, to, value, a
     store(gradient, to + 24, x1), store(gradient, to + 32, y1), store(gradient, to + 40, z1)
     store(gradient, to + 48, x2), store(gradient, to + 56, y2), store(gradient, to + 64, z2)
     store(value, at + 0, u0), store(value, at + 8, u1), store(value, at + 16, u2)
-
-
-@inner
-def gather_value(field, node, along_x, along_y, splines, first, value):
-    """Value (3 8,) alone of a nodal field at a group of particles; arguments as in `gather`."""
-    zero = splat(0.0)
-    u0 = zero
-    u1 = zero
-    u2 = zero
-    nz0 = load(splines, first + 48)
-    nz1 = load(splines, first + 56)
-    nz2 = load(splines, first + 64)
-    for a in range(3):
-        p0 = zero
-        p1 = zero
-        p2 = zero
-        for b in range(3):
-            k = 3 * (node + a * along_x + b * along_y)
-            ny = load(splines, first + 24 + 8 * b)
-            p0 = p0 + ny * (nz0 * field[k] + nz1 * field[k + 3] + nz2 * field[k + 6])
-            p1 = p1 + ny * (nz0 * field[k + 1] + nz1 * field[k + 4] + nz2 * field[k + 7])
-            p2 = p2 + ny * (nz0 * field[k + 2] + nz1 * field[k + 5] + nz2 * field[k + 8])
-        nx = load(splines, first + 8 * a)
-        u0 = u0 + nx * p0
-        u1 = u1 + nx * p1
-        u2 = u2 + nx * p2
-    store(value, 0, u0), store(value, 8, u1), store(value, 16, u2)
 
 
 @inner
