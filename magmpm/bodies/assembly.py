@@ -354,8 +354,9 @@ class Parts(BodyShape):
 
     def _gaps(self, within: float) -> Array:
         """Between the parts, (parts, parts) m: where boxes come within this distance (m) that of the surfaces, else of the boxes."""
-        low = np.array([t.reshape(-1, 3).min(axis=0) for t in self.triangles()])
-        high = np.array([t.reshape(-1, 3).max(axis=0) for t in self.triangles()])
+        corners = [vertices for vertices, _ in self.surfaces()]
+        low = np.array([each.min(axis=0) for each in corners])
+        high = np.array([each.max(axis=0) for each in corners])
         found = np.linalg.norm(
             np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2
         )
@@ -406,8 +407,12 @@ class Parts(BodyShape):
         size = self.cell_size(cells_across)
         triangles = self.triangles()
         held = [part.clamp for part in self.meshes]
-        free = [mesh for mesh, still in zip(triangles, held, strict=True) if not still]
-        axes = axes_of_parts(free, size) if knots.at_rest else np.eye(3)
+        axes = np.eye(3)
+        if knots.at_rest:
+            pairs = list(zip(triangles, held, strict=True))
+            free = [mesh for mesh, still in pairs if not still]
+            holding = [mesh for mesh, still in pairs if still]
+            axes = axes_of_parts(free, holding, size)
         grid, planes = grid_of_parts([mesh @ axes for mesh in triangles], held, size)
         return TurnedGrid(grid.origin, grid.spacing, grid.cells, axes=axes), planes
 

@@ -133,54 +133,61 @@ ON_PLANE = 1e-9  # of a cell
 TOUCHING_DISTANCE = 1e-4
 
 
-def axes_of_parts(parts: list[Array], spacing: float) -> Array:
-    """Axes (3, 3), in columns, of the grid with the fewest cells of about `spacing` m in parts (each (f, 3, 3) m) that can move: x, y, z
-    unless others save a twentieth of them. The first is that of the longest side: planes of unknowns lie across it.
+def axes_of_parts(free: list[Array], held: list[Array], spacing: float) -> Array:
+    """Axes (3, 3), in columns, of a grid with few cells of about `spacing` m in parts (each (f, 3, 3) m) that can move.
+
+    They turn with the parts, but are x, y, z where hardly a face is flat. The first is that of the longest side: planes of unknowns lie
+    across it.
 
     Of V/h^3 + sum A (|n_x| + |n_y| + |n_z|)/(2 h^2) cells that parts of volume V are expected to meet, whose faces have areas A and normals
-    n along the grid; but faces that lie along it are taken to lie on knots, and cut no cell. Axes are sought along the largest faces.
+    n along the grid; but faces that lie along it are taken to lie on knots, and cut no cell. Axes are sought along the largest faces; of
+    those with about the fewest cells, those along the most of all faces are taken, what holds the parts among them.
     Source: Schneider and Weil, Stochastic and Integral Geometry, section 5.1 (the volume of the sum of body and cell; edges left out).
     """
     directions = 6  # of the largest faces that are not parallel
     flat = 1e-8  # one less the cosine: faces of files in single precision differ by 1e-5 rad
-    saved = 0.05  # of the cells: less is not worth other results than along x, y, z
-    triangles = np.concatenate(parts)
-    faces = face_normals(triangles) / 2
-    volume = float(np.sum(triangles[:, 0] * faces)) / 3
+    about = 0.05  # of the cells, or of the area of all faces: less does not decide
+    triangles = np.concatenate(free)
+    faces = face_normals(np.concatenate([triangles, *held])) / 2
     area = np.linalg.norm(faces, axis=1)
-    normals = faces[area > 0] / area[area > 0, None]
-    area = area[area > 0]
+    normals = faces / np.maximum(area, 1e-300)[:, None]
+    inner = float(np.sum(triangles[:, 0] * faces[: len(triangles)])) / 3 / spacing**3
 
-    def cells(axes: Array) -> float:
+    def cells_and_area(axes: Array) -> tuple[float, float]:
         along = np.abs(normals @ axes)
-        oblique = along.max(axis=1) < 1 - flat
-        cut = float(area[oblique] @ along[oblique].sum(axis=1)) / 2
-        return round(volume / spacing**3 + cut / spacing**2, 1)  # alike where rounding differs
+        lies = along.max(axis=1) > 1 - flat
+        cut = np.where(lies, 0.0, area * along.sum(axis=1))[: len(triangles)]
+        return inner + float(cut.sum()) / 2 / spacing**2, float(area @ lies)
 
-    axes = np.eye(3)
-    found = [axes]
-    left = np.round(area / area.max(), 3)  # the same order however the parts are turned
+    # Faces may be of many triangles: the areas of those whose normals are about the same are summed.
+    sign_free = np.round(np.einsum("ni,nj->nij", normals, normals).reshape(-1, 9), 3)
+    _, first, alike = np.unique(sign_free, axis=0, return_index=True, return_inverse=True)
+    share = np.bincount(alike.ravel(), area) / area.sum()
     main: list[Array] = []
-    while left.any() and len(main) < directions:
-        one = normals[np.argmax(left)]
-        side = normals @ one
-        with_it = np.abs(side) > 1 - flat
-        mean = (np.sign(side) * area)[with_it] @ normals[with_it]
-        main.append(mean / np.linalg.norm(mean))
-        left[with_it] = 0.0
+    for k in first[np.lexsort((first, -np.round(share, 4)))]:  # however the parts are turned
+        side = normals @ normals[k]
+        mean = np.where(np.abs(side) > 1 - flat, np.sign(side) * area, 0.0) @ normals
+        mean = mean / np.linalg.norm(mean)
+        if all(abs(mean @ other) < 1 - flat for other in main):
+            main.append(mean)
+        if len(main) == directions:
+            break
+    found = []
     for one, other in permutations(main, 2):
-        third = np.cross(one, other)
-        frame = np.stack([one, np.cross(third, one), third], axis=1)
-        found.append(frame / np.linalg.norm(frame, axis=0))
-    best = min(found, key=cells)
-    if cells(best) < (1 - saved) * cells(axes):
+        frame = np.linalg.qr(np.stack([one, other], axis=1), mode="complete")[0]
+        found.append(frame * np.linalg.det(frame))  # right-handed
+    cells, flush = np.array([cells_and_area(frame) for frame in found]).T
+    flush[cells > (1 + about) * cells.min()] = 0.0
+    axes = np.eye(3)
+    if flush.max() > about * area.sum():
         from scipy.spatial.transform import Rotation  # 0.1 s to import, and few bodies are turned
 
-        # Of the same axes in other orders and senses, those that are turned least.
+        # Of frames that differ by rounding the first; of its axes in other orders and senses, those that are turned least.
+        best = found[int(np.argmax(flush > flush.max() * (1 - 1e-4)))]
         least = Rotation.from_matrix(best).reduce(right=Rotation.create_group("O"))
-        axes = least.as_matrix()
-    sides = np.ptp(triangles.reshape(-1, 3) @ axes, axis=0)
-    return np.roll(axes, -int(np.argmax(np.round(sides / spacing))), axis=1)
+        axes = np.round(least.as_matrix(), 14)  # x, y, z to the last bit
+    extent = np.ptp(triangles.reshape(-1, 3) @ axes, axis=0)
+    return np.roll(axes, -int(np.argmax(np.round(extent / spacing))), axis=1)
 
 
 def grid_of_parts(
@@ -320,13 +327,18 @@ def part_particles(grid: Grid, parts: list[Array], count: int) -> Particles:
     )
 
 
+def _centroid_and_covariance(moments: Array) -> tuple[Array, Array]:
+    """Centroids (k, 3) and covariances (k, 3, 3) of pieces, from their moments (k, 10)."""
+    mean = moments / moments[:, :1]
+    centroid = mean[:, 1:4]
+    second = mean[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
+    return centroid, second - centroid[:, :, None] * centroid[:, None, :]
+
+
 def _points(moments: Array, cube: Array) -> Array:
     """Points (k, q, 3), in cell coordinates, that have the moments (k, 10) of each cell's piece, but for those pulled into the cell."""
-    volume = moments[:, :1]
-    centroid = np.clip(moments[:, 1:4] / volume, 0.0, 1.0)
-    xx, xy, xz, yy, yz, zz = (moments[:, 4:] / volume).T
-    second = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
-    covariance = second - centroid[:, :, None] * centroid[:, None, :]
+    middle, covariance = _centroid_and_covariance(moments)
+    centroid = np.clip(middle, 0.0, 1.0)
     values, vectors = np.linalg.eigh(covariance)
     root = np.einsum("kij,kj,klj->kil", vectors, np.sqrt(np.maximum(values, 0.0)), vectors)
     away = np.einsum("kij,qj->kqi", root, cube)
@@ -354,12 +366,9 @@ def part_errors(particles: Particles, parts: list[Array]) -> dict[str, float]:
         )  # one cell: the whole mesh
         size = high - low
         volume = moments[0, 0] * size.prod()
-        centroid = low + size * moments[0, 1:4] / moments[0, 0]
-        xx, xy, xz, yy, yz, zz = moments[0, 4:] / moments[0, 0]
-        mean = moments[0, 1:4] / moments[0, 0]
-        exact = (
-            np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - np.outer(mean, mean)
-        ) * np.outer(size, size)
+        middle, spread = _centroid_and_covariance(moments)
+        centroid = low + size * middle[0]
+        exact = spread[0] * np.outer(size, size)
         away = p - centroid
         found = np.einsum("p,pi,pj->ij", v, away, away) / v.sum()
         mine_errors = (

@@ -315,14 +315,56 @@ def test_cells_lie_along_the_faces_of_turned_boxes(angle: float, digits: int) ->
 )
 def test_cells_stay_along_x_y_z_where_others_save_none(parts: list[Mesh], spacing: float) -> None:
     np.testing.assert_array_equal(
-        axes_of_parts([each.triangles for each in parts], spacing), np.eye(3)
+        axes_of_parts([each.triangles for each in parts], [], spacing), np.eye(3)
     )
 
 
 def test_cells_lie_along_the_larger_of_two_parts() -> None:
     parts = [box((0, 0, 0), (7, 2, 2)), turned(box((0, 0, 0), (16, 2, 2)), (0, 1, 0), 0.5)]
-    axes = axes_of_parts([each.triangles for each in parts], 1.0)
+    axes = axes_of_parts([each.triangles for each in parts], [], 1.0)
     np.testing.assert_allclose(axes, Rotation.from_rotvec([0, 0.5, 0]).as_matrix(), atol=1e-12)
+
+
+def split(triangles: np.ndarray, times: int) -> np.ndarray:
+    """Each triangle as four, so many times."""
+    for _ in range(times):
+        a, b, c = np.moveaxis(triangles, 1, 0)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        triangles = np.concatenate([np.stack(each, axis=1) for each in quarters])
+    return triangles
+
+
+@pytest.mark.parametrize("arms", [1, 3, 5])
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.35), (0.3, -0.5, 0.7)])
+@pytest.mark.parametrize("times", [0, 3])
+def test_cells_turn_with_the_parts(arms: int, turn: tuple[float, float, float], times: int) -> None:
+    """Arms of a star, which share no axes but their plane's normal, with a knob of large triangles: fine ones count as well."""
+    each = 2 * np.pi / arms
+    free = [
+        split(turned(box((4, -2, -0.6), (18, 2, 0.6)), (0, 0, 1), k * each).triangles, times)
+        for k in range(arms)
+    ]
+    free.append(ball((20.0, 0.0, 0.0), 2.0, rings=4).triangles)
+    held = [box((-3, -3, -1), (3, 3, 1)).triangles]
+    by = Rotation.from_rotvec(turn).as_matrix()
+    straight = axes_of_parts(free, held, 0.6)
+    oblique = axes_of_parts([one @ by.T for one in free], [one @ by.T for one in held], 0.6)
+    np.testing.assert_allclose(np.abs(straight.T @ by.T @ oblique).max(axis=0), 1.0, atol=1e-9)
+    assert np.abs(straight[2]).max() == 1.0  # all arms lie flat
+
+
+def test_cells_lie_along_what_holds_parts_that_have_no_axes_in_common() -> None:
+    """A brush of leaning bristles: along one of them there are hardly fewer cells, and along the brush its face is a plane of the grid."""
+    rng = np.random.default_rng(5)
+    brush = box((-6, -6, -2), (6, 6, 0)).triangles
+    bristles = []
+    for k in range(12):
+        bristle = turned(box((-1.2, -0.7, 0), (1.2, 0.7, 12)), (1, 0, 0), rng.uniform(0.2, 0.6))
+        bristles.append(turned(bristle, (0, 0, 1), k + rng.uniform()).triangles)
+    by = Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix()
+    axes = axes_of_parts([one @ by.T for one in bristles], [brush @ by.T], 0.7)
+    assert np.abs(by[:, 2] @ axes).max() == pytest.approx(1.0, abs=1e-9)
 
 
 def test_motions_are_on_a_grid_along_x_y_z() -> None:
