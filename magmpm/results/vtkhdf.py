@@ -31,8 +31,6 @@ from magmpm.results.hdf5_mark import marked_in_order, state_of, unmark
 T = TypeVar("T")
 
 STATIC = ("part", "volume", "remanence", "reference")
-# Readable by HDF5 1.10 and later, and so by ParaView 5.6 and later, whatever is installed here.
-_FORMAT = ("v110", "v110")
 _TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 _AHEAD = 64  # frames by which arrays and rows are extended at a time: a chunk of the rows
 _MOMENT = 0.02  # s between two looks at a file
@@ -58,7 +56,10 @@ class FrameFile:
         """A file without frames; static: the arrays of STATIC, (n, ...) each."""
         n = len(static["part"])
         unfinished = path.with_name(f".{path.name}")
-        with h5py.File(unfinished, "w", libver=_FORMAT, locking=False) as file:
+        empty = h5py.h5f.create(
+            bytes(unfinished), h5py.h5f.ACC_TRUNC, _untimed(h5py.h5p.FILE_CREATE), _access()
+        )
+        with h5py.File(empty) as file:
             _write_head(file, n, static)
         unfinished.replace(path)
         return cls(path, n)
@@ -150,39 +151,52 @@ class FrameFile:
 def _write_head(file: h5py.File, n: int, static: Mapping[str, NDArray[Any]]) -> None:
     integer = np.dtype(np.int64)
     number = np.dtype(float)
-    root = file.create_group("VTKHDF")
+    root = _group(file, "VTKHDF")
     root.attrs["Version"] = np.array([2, 1])
     root.attrs.create("Type", np.bytes_("PolyData"))
     root["NumberOfPoints"] = np.array([n])
     _growing(file, "Points", n, 3)
     for name in _TOPOLOGIES:
-        topology = root.create_group(name)
+        topology = _group(root, name)
         cells = n if name == "Vertices" else 0
         topology["NumberOfCells"] = topology["NumberOfConnectivityIds"] = np.array([cells])
         topology["Offsets"] = np.arange(cells + 1)
         topology["Connectivity"] = np.arange(cells)
-    steps = root.create_group("Steps")
+    steps = _group(root, "Steps")
     steps.attrs[_COUNT] = np.int64(0)
     _row_of(steps, "Values", (), number)
     for name in ("NumberOfParts", "PartOffsets", "PointOffsets"):
         _row_of(steps, name, (), integer)
     for name in ("CellOffsets", "ConnectivityIdOffsets"):
         _row_of(steps, name, (len(_TOPOLOGIES),), integer)
-    data = root.create_group("PointData")
-    offsets = steps.create_group("PointDataOffsets")
+    data = _group(root, "PointData")
+    offsets = _group(steps, "PointDataOffsets")
     for name, components in QUANTITIES.items():
         _growing(file, name, n, components)
     for name in STATIC:
         data[name] = static[name]
     for name in (*QUANTITIES, *STATIC):
         _row_of(offsets, name, (), integer)
-    _row_of(root.create_group("FieldData"), "field", (3,), number)
-    _row_of(steps.create_group("FieldDataOffsets"), "field", (), integer)
-    _row_of(steps.create_group("FieldDataSizes"), "field", (2,), integer)
-    own = file.create_group("magmpm")
+    _row_of(_group(root, "FieldData"), "field", (3,), number)
+    _row_of(_group(steps, "FieldDataOffsets"), "field", (), integer)
+    _row_of(_group(steps, "FieldDataSizes"), "field", (2,), integer)
+    own = _group(file, "magmpm")
     _row_of(own, "checksum", (2 + len(QUANTITIES),), np.dtype(np.uint32))
     own.attrs["quantities"] = list(QUANTITIES)
     own.attrs["static"] = np.uint32(_sum_of_static(static))
+
+
+def _group(parent: h5py.Group, name: str) -> h5py.Group:
+    return h5py.Group(
+        h5py.h5g.create(parent.id, name.encode(), gcpl=_untimed(h5py.h5p.GROUP_CREATE))
+    )
+
+
+def _untimed(kind: Any) -> Any:
+    """How an object is made: without the time of day, which HDF5 before 2.0 stores, so that a motion's file has the same bits again."""
+    made = h5py.h5p.create(kind)
+    made.set_obj_track_times(False)
+    return made
 
 
 def _place(name: str) -> str:
@@ -236,12 +250,17 @@ def _open_for_growth(path: Path) -> Any:
     Between `h5py.File(path, "r+")` and `swmr_mode = True` the file would be marked as open in another mode, and a run killed there would
     leave a file that nothing can open.
     """
+    flags = h5py.h5f.ACC_RDWR | h5py.h5f.ACC_SWMR_WRITE
+    return h5py.h5f.open(bytes(path), flags, _access())
+
+
+def _access() -> Any:
+    """How the file is opened. HDF5 1.10 and later can read it, and so ParaView 5.6 and later, whatever is installed here."""
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
     access.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
     access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)
     access.set_file_locking(False, False)
-    flags = h5py.h5f.ACC_RDWR | h5py.h5f.ACC_SWMR_WRITE
-    return h5py.h5f.open(bytes(path), flags, access)
+    return access
 
 
 def _count_only(path: Path, frames: int) -> None:

@@ -52,7 +52,7 @@ class GoalNotes(Notes):
             lines.append(plain(beyond if attributes.get("skipped") else "ended before its time"))
         else:
             lines += [
-                plain(f"{goal}: {in_words(goal, value)}")
+                plain(f"{_unitless(goal)}: {in_words(goal, value)}")
                 for goal, value in zip(report.get("goals", ()), trial.values, strict=False)
             ]
             for limit in report.get("limits", ()):
@@ -64,5 +64,9 @@ class GoalNotes(Notes):
 
 def _limit(limit: dict[str, Any]) -> str:
     """A constraint in words."""
-    label = limit["label"]
-    return f"{label.rpartition(' (')[0] or label} {limit['bounds']}"
+    return f"{_unitless(limit['label'])} {limit['bounds']}"
+
+
+def _unitless(label: str) -> str:
+    """A quantity's name without its SI unit."""
+    return label.rpartition(" (")[0] or label
