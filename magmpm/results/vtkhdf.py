@@ -122,29 +122,27 @@ class FrameFile:
         """Extend the file for more frames, and write the rows that are known beforehand."""
         file = h5py.File(identifier)
         first = self._rows
-        n = self.n
         count = first + _AHEAD
         steps = np.arange(first, count)
-        points = steps * n
-        steps_group = file["VTKHDF/Steps"]
-        rows: list[tuple[Any, Any]] = [
-            (steps_group["NumberOfParts"], 1),
-            (steps_group["PartOffsets"], 0),
-            (steps_group["PointOffsets"], points),
-            (steps_group["CellOffsets"], 0),
-            (steps_group["ConnectivityIdOffsets"], 0),
-            (steps_group["FieldDataOffsets/field"], steps),
-            (steps_group["FieldDataSizes/field"], (3, 1)),
-            *((steps_group["PointDataOffsets"][name], points) for name in QUANTITIES),
-            *((steps_group["PointDataOffsets"][name], 0) for name in STATIC),
-            (file[_FIELD], np.nan),
-            (file[_SUMS], 0),
-        ]
-        for dataset, values in rows:
-            dataset.resize(count, axis=0)
-            dataset[first:] = values
+        points = steps * self.n
+        of_steps: dict[str, Any] = {
+            "NumberOfParts": 1,
+            "PartOffsets": 0,
+            "PointOffsets": points,
+            "CellOffsets": 0,
+            "ConnectivityIdOffsets": 0,
+            "FieldDataOffsets/field": steps,
+            "FieldDataSizes/field": (3, 1),
+            **{f"PointDataOffsets/{name}": points for name in QUANTITIES},
+            **dict.fromkeys([f"PointDataOffsets/{name}" for name in STATIC], 0),
+        }
+        of_file = {_FIELD: np.nan, _SUMS: 0}
+        rows = {f"VTKHDF/Steps/{name}": values for name, values in of_steps.items()}
+        for name, values in (rows | of_file).items():
+            file[name].resize(count, axis=0)
+            file[name][first:] = values
         for name in ("Points", *QUANTITIES):
-            file[_place(name)].resize(count * n, axis=0)
+            file[_place(name)].resize(count * self.n, axis=0)
         self._rows = count
 
 
@@ -193,7 +191,7 @@ def _group(parent: h5py.Group, name: str) -> h5py.Group:
 
 
 def _untimed(kind: Any) -> Any:
-    """How an object is made: without the time of day, which HDF5 before 2.0 stores, so that a motion's file has the same bits again."""
+    """Settings of an object to be made: without the time of day, which HDF5 before 2.0 stores, so that a motion's file has the same bits again."""
     made = h5py.h5p.create(kind)
     made.set_obj_track_times(False)
     return made
@@ -255,7 +253,7 @@ def _open_for_growth(path: Path) -> Any:
 
 
 def _access() -> Any:
-    """How the file is opened. HDF5 1.10 and later can read it, and so ParaView 5.6 and later, whatever is installed here."""
+    """Settings to open a file with. HDF5 1.10 and later can read it, and so ParaView 5.6 and later, whatever is installed here."""
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
     access.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
     access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)

@@ -167,9 +167,8 @@ class DashboardView(_Passing):  # type: ignore[misc]
         found.values = [value * factor for value, factor in zip(trial.values, factors, strict=True)]
         if not feasible(trial) and "feasible" in trial.user_attrs:
             if refused(trial):
-                found.system_attrs[CONSTRAINTS] = (
-                    [max(0.0, *trial.constraints.values()) or 1.0] if trial.constraints else [1.0]
-                )
+                beyond = max([0.0, *trial.constraints.values()])
+                found.system_attrs[CONSTRAINTS] = [beyond or 1.0]
             else:
                 found.state = TrialState.FAIL
                 found.values = None
