@@ -91,6 +91,15 @@ class MeshPart(Settings):
         ...}; [0, 0, 0], unmagnetized, unless given.
     clamp : bool, optional
         Whether the part is held; false unless given.
+
+    Examples
+    --------
+    >>> from magmpm import MeshPart
+    >>> hub = MeshPart(
+    ...     mesh="data/scenes/gallery/meshes/gripper_hub.stl", material="silicone", clamp=True
+    ... )
+    >>> hub.name
+    'gripper_hub'
     """
 
     mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
@@ -150,6 +159,18 @@ class Parts(BodyShape):
         The tip in results: the name of a part (its center), or a point of a moving part
         in the undeformed body, such as the middle of an end face. Unless given, parts
         have no tip.
+
+    Examples
+    --------
+    >>> from magmpm import MeshPart, Parts
+    >>> hub = MeshPart(
+    ...     mesh="data/scenes/gallery/meshes/gripper_hub.stl", material="silicone", clamp=True
+    ... )
+    >>> arm = MeshPart(
+    ...     mesh="data/scenes/gallery/meshes/gripper_inner_1.stl", material="silicone", name="arm"
+    ... )
+    >>> [part.name for part in Parts(unit="mm", meshes=[hub, arm]).meshes]
+    ['gripper_hub', 'arm']
     """
 
     clamp_key: ClassVar[str] = "meshes"

@@ -33,6 +33,12 @@ class Damping(Effect):
     ----------
     rate : float or str, 1/s
         Velocities decay by exp(-rate t); twice a motion's angular frequency settles it soonest.
+
+    Examples
+    --------
+    >>> from magmpm import Damping
+    >>> Damping(rate="60 1/s").rate  # 1/s
+    60.0
     """
 
     PHASE = "damping"

@@ -34,6 +34,12 @@ class Feed(Effect):
         Speed along +x; negative pulls back.
     exit : float or str, m
         Where on the x axis the guide ends.
+
+    Examples
+    --------
+    >>> from magmpm import Feed
+    >>> Feed(speed="20 mm/s", exit="10 mm").speed  # m/s
+    0.02
     """
 
     PHASE = "constraint"

@@ -31,7 +31,15 @@ ROTATING = np.dtype(
 
 
 class MagneticForce(Effect):
-    """An external field that varies in space pulls the magnetized segments. No settings."""
+    """An external field that varies in space pulls the magnetized segments. No settings.
+
+    Examples
+    --------
+    >>> from magmpm import MagneticForce, load_scene
+    >>> scene = load_scene("data/scenes/pulled_by_magnet.yaml")
+    >>> scene.effects.magnetic_force == MagneticForce()
+    True
+    """
 
     PHASE = "force"
     IN_FIELD = True

@@ -51,6 +51,12 @@ class MagneticInteraction(BodyEffect):
     blocks_across : int, optional
         Number of dipoles across a segment's thickness (and as densely along it); 3
         unless given.
+
+    Examples
+    --------
+    >>> from magmpm import MagneticInteraction
+    >>> MagneticInteraction(blocks_across=4).blocks_across
+    4
     """
 
     PHASE = "force"

@@ -38,7 +38,14 @@ def parameters(field: Array, turns: bool = False) -> Records:
 
 
 class MagneticTorque(Effect):
-    """The external field turns the magnetized segments. No settings."""
+    """The external field turns the magnetized segments. No settings.
+
+    Examples
+    --------
+    >>> from magmpm import MagneticTorque, load_scene
+    >>> load_scene("data/scenes/five_segments.yaml").effects.magnetic_torque == MagneticTorque()
+    True
+    """
 
     PHASE = "force"
     IN_FIELD = True

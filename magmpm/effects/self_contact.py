@@ -24,6 +24,12 @@ class SelfContact(Effect):
         Factor on the usual contact stiffness, at which the body sinks in by
         micrometers; 1 unless given. Above 1 the contact may require a smaller time step
         than the body.
+
+    Examples
+    --------
+    >>> from magmpm import SelfContact
+    >>> SelfContact(friction=0.3).friction
+    0.3
     """
 
     PHASE = "contact"

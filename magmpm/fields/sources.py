@@ -88,6 +88,12 @@ class Cuboid(Settings):
     ----------
     size : sequence (3,) of float or str, m
         Edges along x, y and the magnet's axis (z unless `axis` is given).
+
+    Examples
+    --------
+    >>> from magmpm import Cuboid
+    >>> Cuboid(size=["20 mm", "20 mm", "10 mm"]).size  # m
+    (0.02, 0.02, 0.01)
     """
 
     size: Sizes = Field(
@@ -105,6 +111,13 @@ class Cylinder(Settings):
         Diameter.
     length : float or str, m
         Length along its axis.
+
+    Examples
+    --------
+    >>> from magmpm import Cylinder, Magnet
+    >>> shape = Cylinder(diameter="20 mm", length="10 mm")
+    >>> Magnet(cylinder=shape, position=["75 mm", "0 mm", "20 mm"], remanence="1.3 T").remanence  # T
+    1.3
     """
 
     diameter: Length = Field(description="Diameter.", examples=["20 mm"])

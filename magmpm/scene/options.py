@@ -479,6 +479,12 @@ class Static(Settings):
         have no rod's shape to start from, get ten times this.
     field_steps : int, optional
         Steps in which field and gravity grow from zero; chosen by the solver unless given.
+
+    Examples
+    --------
+    >>> from magmpm import Static
+    >>> Static(field_steps=4).max_steps
+    60
     """
 
     tolerance: float = Field(

@@ -215,6 +215,17 @@ def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert done.attempted > 1
 
 
+def test_what_scenes_are_made_of_has_an_example() -> None:
+    """Of each class that scenes and Python name."""
+    settings = [
+        name
+        for name in dir(magmpm)
+        if isinstance(getattr(magmpm, name), type) and issubclass(getattr(magmpm, name), Settings)
+    ]
+    assert len(settings) > 25
+    assert [name for name in settings if ">>>" not in (getattr(magmpm, name).__doc__ or "")] == []
+
+
 def test_what_is_missing_is_found() -> None:
     """A docstring that says it all, and the same with a parameter, a return value or a text left out, or with an error that is none."""
     text = (
