@@ -191,7 +191,7 @@ def _group(parent: h5py.Group, name: str) -> h5py.Group:
 
 
 def _untimed(kind: Any) -> Any:
-    """Settings of an object to be made: without the time of day, which HDF5 before 2.0 stores, so that a motion's file has the same bits again."""
+    """Settings of an object to be made: without the time of day (HDF5 before 2.0), so that a motion's file has the same bits again."""
     made = h5py.h5p.create(kind)
     made.set_obj_track_times(False)
     return made

@@ -5,6 +5,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -86,7 +87,8 @@ def built(known: list[str], folder: Path) -> Path:
     wheels = folder / "wheels"
     for name in known:
         (source / name).parent.mkdir(parents=True, exist_ok=True)
-        (source / name).write_bytes((ROOT / name).read_bytes())
+        # magmpm/studies and magmpm/viz are links
+        shutil.copy(ROOT / name, source / name, follow_symlinks=False)
     run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", wheels, ".", cwd=source)
     (wheel,) = wheels.glob("magmpm-*.whl")
     return wheel
