@@ -69,13 +69,12 @@ def forced_backend() -> str | None:
     """The backend that the environment requests, or None. Raises UnknownBackend."""
     forced = os.environ.get(BACKEND_VARIABLE) or None
     if forced is not None and forced not in BACKENDS:
-        remedy = f"write, say, {BACKEND_VARIABLE}=matplotlib, or unset it"
         raise UnknownBackend(
             report(
                 BACKEND_VARIABLE,
                 received=forced,
                 rule=f"must be one of {', '.join(BACKENDS)}",
-                remedy=remedy,
+                remedy=f"write, say, {BACKEND_VARIABLE}=matplotlib, or unset it",
             )
         )
     return forced

@@ -30,9 +30,11 @@ def _url(saved: str, option: str | None) -> str:
 
     url = known_url(saved, option, os.environ)
     if url is None:
-        rule = "the password is not stored"
-        remedy = f"put the whole URL into the environment variable {VARIABLE}"
-        raise InputError(f"storage {saved}", rule=rule, remedy=remedy)
+        raise InputError(
+            f"storage {saved}",
+            rule="the password is not stored",
+            remedy=f"put the whole URL into the environment variable {VARIABLE}",
+        )
     return url
 
 
@@ -71,9 +73,11 @@ def command(options: argparse.Namespace) -> int:
     try:
         study = optuna.load_study(study_name=saved["name"], storage=storage)
     except KeyError:
-        rule = f"must hold the study {saved['name']}"
-        remedy = "name its database with --storage"
-        raise InputError(f"storage {shown_url(url)}", rule=rule, remedy=remedy) from None
+        raise InputError(
+            f"storage {shown_url(url)}",
+            rule=f"must hold the study {saved['name']}",
+            remedy="name its database with --storage",
+        ) from None
     notes = Notes if goal is None else GoalNotes
     notes(study, folder, artifacts).keep_up()
     guard = Guard()
@@ -88,11 +92,13 @@ def command(options: argparse.Namespace) -> int:
         server = make_server(LOOPBACK, port, app, _Server, _DashboardHandler)
     except OSError as error:
         rule = f"the port must be free on this machine, and allowed to this user ({error.strerror})"
-        remedy = (
-            "stop the program that uses it, or choose another, such as --port "
-            f"{port + 1 if port < 65535 else 8080}"
-        )
-        raise InputError("--port", received=str(port), rule=rule, remedy=remedy) from None
+        raise InputError(
+            "--port",
+            received=str(port),
+            rule=rule,
+            remedy="stop the program that uses it, or choose another, such as --port "
+            f"{port + 1 if port < 65535 else 8080}",
+        ) from None
     with server:
         print(
             f"http://{LOOPBACK}:{port}{start}?secret={guard.secret} shows {folder}; Ctrl-C ends it",

@@ -333,9 +333,11 @@ def draw_study(
     def snapshot(of: Path) -> Snapshot:
         known = read_design(of)
         if "number" not in known or "rms_m" not in known:
-            rule = "must be as `magmpm design` wrote it"
-            remedy = "run `magmpm design` again: it solves the design again"
-            raise InputError(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy)
+            raise InputError(
+                f"{of / DESIGN}: can't be read as a design",
+                rule="must be as `magmpm design` wrote it",
+                remedy="run `magmpm design` again: it solves the design again",
+            )
         result = Result.load(of)
         shown = (
             None

@@ -40,15 +40,13 @@ def examples(options: argparse.Namespace) -> int:
         if (target / name).exists() and not filecmp.cmp(source / name, target / name, shallow=False)
     ]
     if changed and not options.overwrite:
-        rule = "files that were changed are kept"
-        remedy = "name another folder, or give --overwrite, which restores the original examples"
         raise InputError(
             (
                 f"{target}: {len(changed)} of the files there differ from the examples, such as "
                 f"{changed[0]}"
             ),
-            rule=rule,
-            remedy=remedy,
+            rule="files that were changed are kept",
+            remedy="name another folder, or give --overwrite, which restores the original examples",
         )
     for name in files:
         (target / name).parent.mkdir(parents=True, exist_ok=True)

@@ -101,9 +101,12 @@ def _list(text: str | None) -> list[str] | None:
 def _numbers(options: argparse.Namespace) -> dict[str, Any]:
     """Noise, what is known, and the level, from what was typed. Raises InputError."""
     if not 50 <= options.level < 100:
-        rule = "must be at least 50 and below 100 (%)"
-        remedy = "omit it for 95"
-        raise InputError("--level", received=f"{options.level:g}", rule=rule, remedy=remedy)
+        raise InputError(
+            "--level",
+            received=f"{options.level:g}",
+            rule="must be at least 50 and below 100 (%)",
+            remedy="omit it for 95",
+        )
     known = {}
     for pair in _list(options.known) or []:
         name, _, share = pair.partition("=")

@@ -40,9 +40,10 @@ def command(options: argparse.Namespace) -> int:
             f"{folder}: holds no study", rule="a report is written for a study", remedy=remedy
         )
     if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
-        rule = "a report goes beside its study, or into a folder without results"
         raise InputError(
-            f"{out}: holds other results", rule=rule, remedy="give another --out, or omit it"
+            f"{out}: holds other results",
+            rule="a report goes beside its study, or into a folder without results",
+            remedy="give another --out, or omit it",
         )
     from magmpm.studies.engine.storage_url import known_url
 
@@ -54,8 +55,12 @@ def command(options: argparse.Namespace) -> int:
         return _told(options, {**made, "best": goal["best"]})
     report = saved_report(folder)
     if options.motion and not {"insertion", "schedule"} & (report.get("best") or {}).keys():
-        rule = "only the best design of an insertion or a schedule can be run in time"
-        raise InputError("--motion", received=str(folder), rule=rule, remedy="leave it out")
+        raise InputError(
+            "--motion",
+            received=str(folder),
+            rule="only the best design of an insertion or a schedule can be run in time",
+            remedy="leave it out",
+        )
     storage = known_url(report["storage"], options.storage, os.environ)
     with folder_lock(out):
         made = write(

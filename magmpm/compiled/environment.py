@@ -164,14 +164,16 @@ def refuse_unusable() -> None:
     if threads is not None and not (
         re.fullmatch(r"\s*[0-9]{1,9}\s*", threads) and 1 <= int(threads) <= MOST_THREADS
     ):
-        rule = f"must be a whole number from 1 to {MOST_THREADS}"
-        remedy = f"set it to, say, {os.cpu_count() or 1}, or unset it"
         raise InputError(
-            "NUMBA_NUM_THREADS", received=threads or "nothing", rule=rule, remedy=remedy
+            "NUMBA_NUM_THREADS",
+            received=threads or "nothing",
+            rule=f"must be a whole number from 1 to {MOST_THREADS}",
+            remedy=f"set it to, say, {os.cpu_count() or 1}, or unset it",
         )
     if layer is not None and layer.lower() not in LAYERS:
-        rule = f"must be one of {', '.join(LAYERS)}"
-        remedy = "unset it"
         raise InputError(
-            "NUMBA_THREADING_LAYER", received=layer or "nothing", rule=rule, remedy=remedy
+            "NUMBA_THREADING_LAYER",
+            received=layer or "nothing",
+            rule=f"must be one of {', '.join(LAYERS)}",
+            remedy="unset it",
         )

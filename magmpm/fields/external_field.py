@@ -470,7 +470,6 @@ def _clouds(
 ) -> tuple[list[Array], list[tuple[Solid, float]]]:
     """All magnets as clouds of dipoles, and the distance (m) from which on each is accurate."""
     if source.coils:
-        rule = "a coil that turns, or whose wire the body goes round, can't be put on a table"
         remedy = (
             "move the coil away from the body, or put the body's reach in a box of your own,"
             " field.tabulation.lower and upper"
@@ -478,7 +477,7 @@ def _clouds(
         raise SceneError(
             "field.coils",
             found="no plane parts their wires from the body",
-            rule=rule,
+            rule="a coil that turns, or whose wire the body goes round, can't be put on a table",
             remedy=remedy,
         )
     corners = np.stack(

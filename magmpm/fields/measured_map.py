@@ -166,12 +166,13 @@ def _axis(path: Path, coordinates: Array, name: str) -> Array:
     off = np.abs(found - even)
     worst = int(np.argmax(off))
     if off[worst] > 1e-3 * extent / (len(found) - 1):
-        rule = (
-            f"the grid of a map must be evenly spaced: {len(found)} planes from "
+        raise TableError(
+            str(path),
+            rule=f"the grid of a map must be evenly spaced: {len(found)} planes from "
             f"{1e3 * found[0]:g} to {1e3 * found[-1]:g} mm along {name} would have one at "
-            f"{1e3 * even[worst]:g} mm, the file has {1e3 * found[worst]:g} mm"
+            f"{1e3 * even[worst]:g} mm, the file has {1e3 * found[worst]:g} mm",
+            remedy="interpolate the map onto a regular grid",
         )
-        raise TableError(str(path), rule=rule, remedy="interpolate the map onto a regular grid")
     return even
 
 
@@ -187,8 +188,11 @@ def read_schedule(path: Path | str) -> list[dict[str, Any]]:
     groups = {"uniform": ("Bx", "By", "Bz"), "move": ("x", "y", "z")}
     for group in groups.values():
         if 0 < sum(name in names for name in group) < 3:
-            rule = f"the columns {', '.join(group)} must all be given, or none of them"
-            raise TableError(str(path), rule=rule, remedy="add the missing columns")
+            raise TableError(
+                str(path),
+                rule=f"the columns {', '.join(group)} must all be given, or none of them",
+                remedy="add the missing columns",
+            )
     if "time" not in names or len(names) == 1:
         rule = "a schedule has a column of time and at least one of strength; Bx, By, Bz; x, y, z"
         raise TableError(str(path), rule=rule, remedy=_START_SCHEDULE)
@@ -196,9 +200,10 @@ def read_schedule(path: Path | str) -> list[dict[str, Any]]:
     falls = np.flatnonzero(np.diff(times) <= 0)
     if len(falls):
         at = int(falls[0]) + 1
-        received = f"{times[at]:g} s after {times[at - 1]:g} s"
         raise lines[at].error(
-            "times must rise from row to row", "sort the rows, each time once", received
+            "times must rise from row to row",
+            "sort the rows, each time once",
+            f"{times[at]:g} s after {times[at - 1]:g} s",
         )
     out: list[dict[str, Any]] = []
     for row in rows.tolist():

@@ -140,9 +140,12 @@ def read_centreline(path: Path | str) -> NDArray[np.float64]:
                 )
             rows.append(row)
     if not 2 <= len(rows) <= MAX_ROWS:
-        received = f"{len(rows)} row{'s' * (len(rows) != 1)}"
-        rule = f"a centreline has 2 to {MAX_ROWS} rows"
-        raise TableError(str(path), received=received, rule=rule, remedy=_START)
+        raise TableError(
+            str(path),
+            received=f"{len(rows)} row{'s' * (len(rows) != 1)}",
+            rule=f"a centreline has 2 to {MAX_ROWS} rows",
+            remedy=_START,
+        )
     return np.asarray(rows) / 1000.0
 
 

@@ -146,9 +146,10 @@ def parse_quantity(text: str, kind: Kind) -> float:
     magnitude = float(number.group())
     if unit in kind.related:
         factor, words = kind.related[unit]
-        rule = f'{a(kind.name)} is expected here, and "{unit}" is not a unit of {kind.name}'
         raise BadQuantity(
-            rule, f'write {words}: "{quantity(magnitude * factor, kind.si, 4)}"', magnitude * factor
+            f'{a(kind.name)} is expected here, and "{unit}" is not a unit of {kind.name}',
+            f'write {words}: "{quantity(magnitude * factor, kind.si, 4)}"',
+            magnitude * factor,
         )
     is_zero = not re.search("[1-9]", number.group().lower().split("e")[0])
     if not math.isfinite(magnitude) or (abs(magnitude) < 1e-290 and not is_zero):
@@ -236,8 +237,10 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
     if kind.name == "frequency" and names & (_ANGLES | _ANGULAR):  # 1 rad/s is not 1 Hz
         same = False
     if not same:
-        rule = f'{a(kind.name)} is expected here, and "{unit}" is not a unit of {kind.name}'
-        raise BadQuantity(rule, _nearest_unit(unit, kind) or write)
+        raise BadQuantity(
+            f'{a(kind.name)} is expected here, and "{unit}" is not a unit of {kind.name}',
+            _nearest_unit(unit, kind) or write,
+        )
     factor = registry.convert(Fraction(1), found, wanted)
     return factor if isinstance(factor, Fraction) else Fraction(factor)
 

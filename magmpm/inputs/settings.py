@@ -109,8 +109,11 @@ def check_rising(values: Sequence[float], named: str, unit: str, *key: str) -> N
     """Raises PydanticCustomError (see `fault`) for a value that is not above the one before; key: where below the value's number."""
     for k, (before, now) in enumerate(pairwise(values), start=1):
         if not now > before:
-            rule = f"{named} must rise: {now:g} {unit} follows {before:g} {unit}"
-            raise fault(rule, "sort them, each once", (k, *key))
+            raise fault(
+                f"{named} must rise: {now:g} {unit} follows {before:g} {unit}",
+                "sort them, each once",
+                (k, *key),
+            )
 
 
 def from_file(info: ValidationInfo) -> bool:

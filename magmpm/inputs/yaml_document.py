@@ -148,13 +148,17 @@ def _read_text(path: Path) -> str:
         byte = f"byte {error.object[error.start]:#04x} at {error.start} is not UTF-8"
         raise InputError(f"{path}: not a text file ({byte})", rule=_RULE, remedy=_START) from None
     except UnfitFile as error:
-        rule = f"must be a regular file, and must not exceed {MOST_YAML_BYTES} bytes"
-        raise InputError(f"{path}: {error.strerror}", rule=rule, remedy=_START) from None
+        raise InputError(
+            f"{path}: {error.strerror}",
+            rule=f"must be a regular file, and must not exceed {MOST_YAML_BYTES} bytes",
+            remedy=_START,
+        ) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        remedy = "check the path and its permissions"
         raise InputError(
-            f"{path}: {reason}", rule="the file must be readable", remedy=remedy
+            f"{path}: {reason}",
+            rule="the file must be readable",
+            remedy="check the path and its permissions",
         ) from None
 
 
@@ -204,9 +208,14 @@ class _Builder:
         most_yaml_nodes = 100_000
         self.nodes += 1
         if self.nodes > most_yaml_nodes or id(node) in self.open:
-            rule = "aliases must not contain themselves"
             raise InputError(
-                self.report(node, at, received="an alias", rule=rule, remedy="write the values out")
+                self.report(
+                    node,
+                    at,
+                    received="an alias",
+                    rule="aliases must not contain themselves",
+                    remedy="write the values out",
+                )
             )
         if isinstance(node, yaml.ScalarNode):
             return self.scalar(node, at)
@@ -226,20 +235,25 @@ class _Builder:
         first: dict[str, int] = {}
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                rule = "a key must be a word"
-                remedy = "write `key: value`"
                 raise InputError(
                     self.report(
-                        key_node, at, received="brackets as a key", rule=rule, remedy=remedy
+                        key_node,
+                        at,
+                        received="brackets as a key",
+                        rule="a key must be a word",
+                        remedy="write `key: value`",
                     )
                 )
             key = str(key_node.value)
             if key in first:
-                received = f'the key "{key}" a second time'
-                rule = f"a key may appear once (the first is in line {first[key]})"
-                remedy = "remove or rename one of the two"
                 raise InputError(
-                    self.report(key_node, (*at, key), received=received, rule=rule, remedy=remedy)
+                    self.report(
+                        key_node,
+                        (*at, key),
+                        received=f'the key "{key}" a second time',
+                        rule=f"a key may appear once (the first is in line {first[key]})",
+                        remedy="remove or rename one of the two",
+                    )
                 )
             first[key] = key_node.start_mark.line + 1
         try:
@@ -248,9 +262,10 @@ class _Builder:
             )  # `<<: *defaults`: the merged pairs come first, so own keys win
         except yaml.MarkedYAMLError as error:
             rule = str(error.problem)
-            remedy = "merge a mapping: `<<: *its_name`"
             raise InputError(
-                self.report(node, at, received="<<", rule=rule, remedy=remedy)
+                self.report(
+                    node, at, received="<<", rule=rule, remedy="merge a mapping: `<<: *its_name`"
+                )
             ) from None
         data: dict[str, Any] = {}
         for key_node, value_node in node.value:

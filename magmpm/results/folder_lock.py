@@ -78,12 +78,10 @@ def refuse_links(folder: Path) -> None:
             and (path.name in SUBFOLDERS or not path.is_dir())
             and not path.resolve().is_relative_to(folder.resolve())
         ):
-            rule = "results must not be written outside their folder"
-            received = f"a link to {os.readlink(path)}"
             raise InputError(
                 str(path),
-                received=received,
-                rule=rule,
+                received=f"a link to {os.readlink(path)}",
+                rule="results must not be written outside their folder",
                 remedy="remove the link, or use another folder",
             )
 
@@ -134,10 +132,12 @@ def unwritable(folder: Path, error: OSError) -> InputError:
 def _take(stream: IO[str], folder: Path) -> None:
     """Lock the file and write into it which process this is. Raises FolderInUse, InputError."""
     if not _try_lock(stream):
-        rule = "only one process at a time may write a folder of results"
-        remedy = "wait for it, end it, or use another --out"
         raise FolderInUse(
-            report(f"{folder}: in use by {_described(holder(stream))}", rule=rule, remedy=remedy)
+            report(
+                f"{folder}: in use by {_described(holder(stream))}",
+                rule="only one process at a time may write a folder of results",
+                remedy="wait for it, end it, or use another --out",
+            )
         )
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200]
     since = time.strftime("%Y-%m-%d %H:%M:%S")

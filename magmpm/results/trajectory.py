@@ -347,9 +347,11 @@ def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
             raise ValueError("it holds no name and scene")
         return name, scene
     except (OSError, KeyError, TypeError, ValueError) as error:
-        rule = "must be as the motion's run wrote it"
-        remedy = "run the scene again with --resume, which rewrites it, or without"
-        raise InputError(f"{path}: can't be read ({error})", rule=rule, remedy=remedy) from None
+        raise InputError(
+            f"{path}: can't be read ({error})",
+            rule="must be as the motion's run wrote it",
+            remedy="run the scene again with --resume, which rewrites it, or without",
+        ) from None
 
 
 def _whole(path: Path, file: h5py.File) -> tuple[Array, Array, dict[str, Any]]:

@@ -368,11 +368,10 @@ def self_contained(path: Path, file: h5py.File) -> h5py.File:
     file.id.links.visit(look, info=True)  # without h5py's objects, at a fifth of their time
     if foreign:
         file.close()
-        rule = "a motion's file holds all of its data itself"
         raise InputError(
             f"{path}: {foreign[0]}",
             received="data of another file",
-            rule=rule,
+            rule="a motion's file holds all of its data itself",
             remedy="run the scene again",
         )
     return file

@@ -70,12 +70,9 @@ def check_apparatus(header: CsvLine, named: set[str], scene: Scene) -> None:
     magnets = scene.field.magnet or ()
     coils = scene.field.coils or ()
     if any(name.startswith("magnet") for name in given) and len(magnets) != 1:
-        rule = (
-            "columns of the magnet move the scene's one magnet, and it has"
-            f" {len(magnets) or 'none'}"
-        )
         raise header.error(
-            rule,
+            "columns of the magnet move the scene's one magnet, and it has"
+            f" {len(magnets) or 'none'}",
             "give the scene one `field: {magnet: ...}`; what does not move can be a dipole or"
             " a map",
         )
@@ -88,12 +85,9 @@ def check_apparatus(header: CsvLine, named: set[str], scene: Scene) -> None:
         default=int("current" in given),
     )
     if highest > len(coils) or ("current" in given and len(coils) != 1):
-        rule = (
-            "columns of currents need as many coils in the scene, and it has"
-            f" {len(coils) or 'none'}"
-        )
         raise header.error(
-            rule,
+            "columns of currents need as many coils in the scene, and it has"
+            f" {len(coils) or 'none'}",
             "name them in the scene, field.coils, in the columns' order; current_A is that of the"
             " only one",
         )

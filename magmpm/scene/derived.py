@@ -42,9 +42,11 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     if scene.solver.dynamic is None and (
         met := [key for key in ("ground", "walls") if getattr(scene.effects, key) is not None]
     ):
-        rule = "an inserted length is solved without obstacles"
-        remedy = "follow the insertion: name feed, with solver.quasi_static"
-        raise InputError(f"effects.{met[0]}", rule=rule, remedy=remedy)
+        raise InputError(
+            f"effects.{met[0]}",
+            rule="an inserted length is solved without obstacles",
+            remedy="follow the insertion: name feed, with solver.quasi_static",
+        )
     least = catheter.diameter
     most = catheter.length
     length = float(length)
@@ -136,9 +138,11 @@ def save(scene: Any, path: Path) -> Path:
                 "tables and meshes that were read from files can't be written into a scene's file,"
                 " which names them by their paths"
             )
-            remedy = "change a copy of the file that the scene was loaded from"
             raise InputError(
-                f"{path}: can't be written", received=scene.name, rule=rule, remedy=remedy
+                f"{path}: can't be written",
+                received=scene.name,
+                rule=rule,
+                remedy="change a copy of the file that the scene was loaded from",
             )
         for file in Path(folder).iterdir():
             file.replace(path.with_name(file.name))

@@ -105,9 +105,8 @@ def check(scene: Any) -> None:
         at = ("move", name)
         over = move.over_time
         if name not in held:
-            rule = f"only what is held can be moved, here {' and '.join(held) or 'nothing'}"
             raise fault(
-                rule,
+                f"only what is held can be moved, here {' and '.join(held) or 'nothing'}",
                 "move what is held, or hold it: `clamp: both` below body.strip, say, or `clamp:"
                 " true` in a part",
                 at,

@@ -589,8 +589,10 @@ def _read_error(value: Any, info: ValidationInfo) -> float | str:
         return Quantity("percentage").read(value, info)
     except PydanticCustomError:
         if not isinstance(value, str):
-            rule = "an error is a share of the length, or a length, and needs its unit"
-            raise fault(rule, 'write, say, "1 %", or "0.1 mm"') from None
+            raise fault(
+                "an error is a share of the length, or a length, and needs its unit",
+                'write, say, "1 %", or "0.1 mm"',
+            ) from None
         si = Quantity("length", above="0 mm", at_most="10 m").read(value, info)
         return f"{si!r} m"
 

@@ -103,15 +103,19 @@ def _refuse_other_files(data: Mapping[str, Any]) -> None:
     place = str(data.path) if isinstance(data, Document) else "input"
     rule = "a scene says what is simulated: `materials`, `body`, `field`, `effects`"
     if "scene" in data:
-        remedy = (
-            f"`magmpm design {place}` runs the study; the scene that it names is"
-            f" {show(data['scene'])}"
-        )
-        raise InputError(place, received="a study", rule=rule, remedy=remedy)
-    if "n_segments" in data:
-        remedy = f"`magmpm import {place} -o SCENE.yaml` makes a scene of it"
         raise InputError(
-            place, received="a robot of the magneticMPM format", rule=rule, remedy=remedy
+            place,
+            received="a study",
+            rule=rule,
+            remedy=f"`magmpm design {place}` runs the study; the scene that it names is"
+            f" {show(data['scene'])}",
+        )
+    if "n_segments" in data:
+        raise InputError(
+            place,
+            received="a robot of the magneticMPM format",
+            rule=rule,
+            remedy=f"`magmpm import {place} -o SCENE.yaml` makes a scene of it",
         )
 
 
@@ -692,8 +696,12 @@ class Scene(Settings):
         before = np.array(self.field.uniform)
         if not before.any():
             rule = "a strength alone needs a field whose direction it keeps, and the scene has none"
-            remedy = 'write ["0 mT", "0 mT", "4 mT"]'
-            raise InputError("field.uniform", received=repr(strength), rule=rule, remedy=remedy)
+            raise InputError(
+                "field.uniform",
+                received=repr(strength),
+                rule=rule,
+                remedy='write ["0 mT", "0 mT", "4 mT"]',
+            )
         found: list[float] = (
             in_si(strength, "flux density", "field.uniform") * before / np.linalg.norm(before)
         ).tolist()
@@ -731,14 +739,20 @@ class Scene(Settings):
         """
         data = self.to_si()
         if name is None and len(self.materials) > 1:
-            rule = "the scene has several materials"
-            remedy = f"name one of them: {', '.join(self.materials)}"
-            raise InputError("materials", received="no name", rule=rule, remedy=remedy)
+            raise InputError(
+                "materials",
+                received="no name",
+                rule="the scene has several materials",
+                remedy=f"name one of them: {', '.join(self.materials)}",
+            )
         key = next(iter(self.materials)) if name is None else name
         if key not in self.materials and "shear_modulus" not in properties:
-            rule = f"the scene has {', '.join(self.materials)}; a new one needs a shear_modulus"
-            remedy = "use one of these names"
-            raise InputError("materials", received=repr(key), rule=rule, remedy=remedy)
+            raise InputError(
+                "materials",
+                received=repr(key),
+                rule=f"the scene has {', '.join(self.materials)}; a new one needs a shear_modulus",
+                remedy="use one of these names",
+            )
         return Scene.from_si(
             {
                 **data,

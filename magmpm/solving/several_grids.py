@@ -334,8 +334,9 @@ def _check_comparable(one: Scene, other: Scene, of: str) -> None:
             remedy="compare bodies of one kind, parts of the same names in the same order",
         )
     if of not in ("centreline", "tip"):
-        rule = "is centreline or tip"
-        raise InputError("of", received=repr(of), rule=rule, remedy='leave it out, or of="tip"')
+        raise InputError(
+            "of", received=repr(of), rule="is centreline or tip", remedy='leave it out, or of="tip"'
+        )
     tips = [scene.body.parts is None or scene.body.parts.tip is not None for scene in (one, other)]
     if tips[0] != tips[1] or (of == "tip" and not tips[0]):
         raise InputError(

@@ -114,9 +114,11 @@ def known_error(grids: Grids, cells: int) -> ChosenGrid:
     """The error of the grid with so many cells across. Raises SceneError where no finer grid tells it, SolveError where one fails."""
     search = _GridSearch(grids, time.perf_counter(), lambda cells: 0.0)
     if cells not in search.proof:
-        rule = f"must be at most {max(search.proof)}: the error of finer grids is not known"
         raise SceneError(
-            "resolution.cells_across", received=f"{cells}", rule=rule, remedy="use fewer"
+            "resolution.cells_across",
+            received=f"{cells}",
+            rule=f"must be at most {max(search.proof)}: the error of finer grids is not known",
+            remedy="use fewer",
         )
     with one_blas_thread():
         search.prove(cells)
@@ -237,9 +239,11 @@ def check_possible(scene: Scene) -> None:
     wanted = scene.resolution.allowed(scene.length)
     key = "resolution.error" if wanted is not None else "resolution.seconds"
     if wanted is not None and wanted > LARGEST * scene.length:
-        rule = f"must be at most half of the length, {500 * scene.length:g} mm"
         raise SceneError(
-            key, received=f"{1e3 * wanted:g} mm", rule=rule, remedy="check number and unit"
+            key,
+            received=f"{1e3 * wanted:g} mm",
+            rule=f"must be at most half of the length, {500 * scene.length:g} mm",
+            remedy="check number and unit",
         )
     if wanted is not None and wanted < LEAST_REACHABLE_ERROR * scene.length:
         raise SceneError(

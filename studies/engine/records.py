@@ -58,9 +58,12 @@ def whole_place(place: str) -> str:
         For other addresses.
     """
     if SCHEME.match(place) and not place.startswith(S3):
-        rule = "must be a folder, or s3://BUCKET"
-        remedy = "--artifacts s3://my-study, or a folder that all machines see"
-        raise InputError("--artifacts", received=shown_url(place), rule=rule, remedy=remedy)
+        raise InputError(
+            "--artifacts",
+            received=shown_url(place),
+            rule="must be a folder, or s3://BUCKET",
+            remedy="--artifacts s3://my-study, or a folder that all machines see",
+        )
     return place if place.startswith(S3) else str(Path(place).resolve())
 
 
@@ -97,9 +100,11 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            rule = f"must be a folder that can be made, or s3://BUCKET ({error.strerror})"
             raise InputError(
-                "--artifacts", received=str(folder), rule=rule, remedy="name another folder"
+                "--artifacts",
+                received=str(folder),
+                rule=f"must be a folder that can be made, or s3://BUCKET ({error.strerror})",
+                remedy="name another folder",
             ) from None
         return FileSystemArtifactStore(str(folder))
     bucket = place.removeprefix(S3).rstrip("/")

@@ -378,24 +378,23 @@ def _open_grpc(url: str) -> optuna.storages.BaseStorage:
     try:
         proxy.wait_server_ready(timeout=CONNECTING)
     except ConnectionError:
-        rule = f"no gRPC proxy answers there within {CONNECTING:g} s"
         remedy = (
             "start one where the database is: python -m magmpm.studies.engine.workers.grpc_proxy"
             f" --port {port}"
         )
-        raise StorageError(report(url, rule=rule, remedy=remedy)) from None
+        raise StorageError(
+            report(url, rule=f"no gRPC proxy answers there within {CONNECTING:g} s", remedy=remedy)
+        ) from None
     return proxy
 
 
 def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
     """Checks that the file is a writable database, and puts it into WAL mode."""
     if path.exists() and not path.is_file():
-        rule = "must be a file: an SQLite database, or one that is to become one"
-        remedy = "name a file in it, with --storage or --out"
         raise InputError(
             f"{path}: {'a folder' if path.is_dir() else 'no regular file'}",
-            rule=rule,
-            remedy=remedy,
+            rule="must be a file: an SQLite database, or one that is to become one",
+            remedy="name a file in it, with --storage or --out",
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -422,14 +421,18 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
             finally:
                 connection.close()
     except OSError as error:
-        rule = f"the folder must be writable ({error.strerror})"
-        remedy = "use another --out"
-        raise InputError(str(path.parent), rule=rule, remedy=remedy) from None
+        raise InputError(
+            str(path.parent),
+            rule=f"the folder must be writable ({error.strerror})",
+            remedy="use another --out",
+        ) from None
     except StorageError as error:
         if "not a database" in str(error):
-            rule = "must be an SQLite database"
-            remedy = "use another --out or --storage, or move the file away"
-            raise InputError(str(path), rule=rule, remedy=remedy) from None
+            raise InputError(
+                str(path),
+                rule="must be an SQLite database",
+                remedy="use another --out or --storage, or move the file away",
+            ) from None
         raise
 
 
@@ -493,8 +496,11 @@ def open_study(
         )
         known = kept.user_attrs.get("definition")
         if trials_of(kept, url) and known is None:
-            rule = f"holds a study named {study.name} that magmpm did not make"
-            raise InputError(shown_url(url), rule=rule, remedy="use another --out or --storage")
+            raise InputError(
+                shown_url(url),
+                rule=f"holds a study named {study.name} that magmpm did not make",
+                remedy="use another --out or --storage",
+            )
         if known is None:
             with warnings.catch_warnings():
                 warnings.simplefilter(
@@ -651,10 +657,9 @@ def claim_folder(out: Path, name: str) -> None:
         When it is another study's, or a run's.
     """
     if holds_run(out):
-        rule = "a study has a folder of its own: its designs would mix with the run's result"
         raise InputError(
             f"{out}: holds the results of a run",
-            rule=rule,
+            rule="a study has a folder of its own: its designs would mix with the run's result",
             remedy=f"use another --out, say, {out}-study",
         )
     path = out / OWNER

@@ -56,24 +56,30 @@ def storage_url(out: Path | None, url: str | None) -> str:
         if re.search(
             r"[=@;\s]", url
         ):  # another way to say it, such as libpq's, which may hold a password
-            remedy = f"write, say, sqlite:///{DATABASE} or postgresql://USER@HOST/DATABASE"
             raise InputError(
                 "--storage",
                 received="a text without ://, not shown for what it may hold",
                 rule=rule,
-                remedy=remedy,
+                remedy=f"write, say, sqlite:///{DATABASE} or postgresql://USER@HOST/DATABASE",
             )
-        remedy = f"write, say, {f'sqlite:///{DATABASE}' if in_memory(make_url(file)) else file}"
-        raise InputError("--storage", received=url or "nothing", rule=rule, remedy=remedy)
+        raise InputError(
+            "--storage",
+            received=url or "nothing",
+            rule=rule,
+            remedy=f"write, say, {f'sqlite:///{DATABASE}' if in_memory(make_url(file)) else file}",
+        )
     password = _IN_FRONT.match(url.partition("?")[0])
     if (
         not url.startswith("sqlite")
         and password is not None
         and re.search(r"[@/#]", password["password"])
     ):  # a driver would report it
-        rule = "the signs @ / ? # end a password, so it is written without them"
-        remedy = "write %40 for @, %2F for /, %3F for ?, %23 for #"
-        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
+        raise InputError(
+            "--storage",
+            received=shown_url(url),
+            rule="the signs @ / ? # end a password, so it is written without them",
+            remedy="write %40 for @, %2F for /, %3F for ?, %23 for #",
+        )
     for plain in ("postgresql://", "postgres://"):
         if url.startswith(plain) and not installed("psycopg2"):
             return "postgresql+psycopg://" + url.removeprefix(plain)
@@ -131,12 +137,16 @@ def given_url(option: str | None, environment: Mapping[str, str]) -> str | None:
         For a password on the command line.
     """
     if option is not None and passwords(option):
-        rule = "everybody on this machine can read a command line, and with it the password (ps)"
         remedy = (
             f"put the whole URL into the environment variable {VARIABLE}, or leave the password to"
             " PGPASSWORD or ~/.pgpass"
         )
-        raise InputError("--storage", received=shown_url(option), rule=rule, remedy=remedy)
+        raise InputError(
+            "--storage",
+            received=shown_url(option),
+            rule="everybody on this machine can read a command line, and with it the password (ps)",
+            remedy=remedy,
+        )
     return option if option is not None else environment.get(VARIABLE) or None
 
 
@@ -259,9 +269,12 @@ def grpc_address(url: str) -> tuple[str, int]:
         r"grpc://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+)(?::(?P<port>[0-9]{1,5}))?/?", url
     )
     if match is None or not 0 < int(match["port"] or GRPC_PORT) < 65536:
-        rule = "must be grpc://HOST:PORT, as of Optuna's gRPC proxy"
-        remedy = f"write, say, grpc://localhost:{GRPC_PORT}"
-        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
+        raise InputError(
+            "--storage",
+            received=shown_url(url),
+            rule="must be grpc://HOST:PORT, as of Optuna's gRPC proxy",
+            remedy=f"write, say, grpc://localhost:{GRPC_PORT}",
+        )
     return match["host"], int(match["port"] or GRPC_PORT)
 
 
@@ -299,10 +312,9 @@ def refuse_memory(parts: URL, url: str) -> None:
         For such a database.
     """
     if parts.get_backend_name() == "sqlite" and in_memory(parts):
-        rule = "a database in memory is lost with its process, and all trials with it"
         raise InputError(
             "--storage",
             received=shown_url(url),
-            rule=rule,
+            rule="a database in memory is lost with its process, and all trials with it",
             remedy=f"name a file, say, --storage sqlite:///{DATABASE}",
         )

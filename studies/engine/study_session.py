@@ -345,9 +345,11 @@ def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
         try:
             kept = optuna.load_study(study_name=evaluator.study.name, storage=storage)
         except KeyError:
-            rule = f"holds no study named {evaluator.study.name}"
-            remedy = "name the --out or the --storage that it was run with"
-            raise InputError(shown_url(store.url), rule=rule, remedy=remedy) from None
+            raise InputError(
+                shown_url(store.url),
+                rule=f"holds no study named {evaluator.study.name}",
+                remedy="name the --out or the --storage that it was run with",
+            ) from None
         trials = {t.number: t for t in kept.get_trials(deepcopy=False)}
     trial = trials.get(number)
     if trial is None or trial.values is None:

@@ -470,29 +470,34 @@ def map_tips(
 def check(scene: Scene) -> None:
     """Raises InputError for a scene without a map."""
     if scene.in_time:
-        rule = "a map is one of shapes at rest"
-        remedy = "write `solver: {static: {}}`"
-        raise InputError("solver", received="a motion", rule=rule, remedy=remedy)
+        raise InputError(
+            "solver",
+            received="a motion",
+            rule="a map is one of shapes at rest",
+            remedy="write `solver: {static: {}}`",
+        )
     shape = scene.body.shape
     if not isinstance(shape, StraightBody) or shape.clamp != "base":
-        rule = "a map follows rods: a catheter or strip that is held at its base alone"
-        remedy = "map a scene with such a body"
-        raise InputError(f"body.{scene.body.kind}", rule=rule, remedy=remedy)
+        raise InputError(
+            f"body.{scene.body.kind}",
+            rule="a map follows rods: a catheter or strip that is held at its base alone",
+            remedy="map a scene with such a body",
+        )
     if scene.field.varies or scene.field.over_time is not None:
-        rule = "a map is one of uniform fields, which take the place of the scene's own"
         remedy = (
             "leave out dipoles, magnets, coils, maps and schedules; `magmpm view` moves magnets by"
             " hand"
         )
         raise InputError(
-            "field", received="a field that varies in space or time", rule=rule, remedy=remedy
+            "field",
+            received="a field that varies in space or time",
+            rule="a map is one of uniform fields, which take the place of the scene's own",
+            remedy=remedy,
         )
     if scene.effects.magnetic_torque is None or not scene.magnetized_regions():
-        rule = "the field must act on the body"
-        remedy = "name `magnetic_torque: {}`, and magnetize a segment"
         raise InputError(
             "effects.magnetic_torque",
             received="nothing that a field turns",
-            rule=rule,
-            remedy=remedy,
+            rule="the field must act on the body",
+            remedy="name `magnetic_torque: {}`, and magnetize a segment",
         )

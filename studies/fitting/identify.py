@@ -374,17 +374,14 @@ def refuse_twins(
             and float(np.linalg.norm(best.slopes @ (other.x - best.x))) > 3 * quantile
         )
         if far and other.converged and other.cost < best.cost + quantile**2:
-            rule = (
-                "two sets of constants explain the data equally well:"
-                f" {_in_words(constants, best.x)} or {_in_words(constants, other.x)}"
-            )
             remedy = (
                 "measure further coordinates, or at another field (a weaker one bends less, and has"
                 " one answer)"
             )
             raise Refused(
                 "the measurements",
-                rule=rule,
+                rule="two sets of constants explain the data equally well:"
+                f" {_in_words(constants, best.x)} or {_in_words(constants, other.x)}",
                 remedy=remedy,
                 together=[c.name for c in constants],
                 advice=["a weaker field"],

@@ -413,11 +413,10 @@ class Prediction:
         self.solves += 1
         times, shapes, tips = _frames(applied(self.scene, self.constants, x))
         if len(times) < 4:
-            rule = "what is measured over time needs four frames or more to be compared with"
             raise InputError(
                 "solver",
                 received=f"{len(times)} frames",
-                rule=rule,
+                rule="what is measured over time needs four frames or more to be compared with",
                 remedy="write a smaller output_every",
             )
         rows = CubicSpline(times, shapes[:, :, 1:])

@@ -351,11 +351,10 @@ def _of_tables(
     if noise is None or isinstance(noise, float | int):
         return noise, (1.0,) * count
     if len(noise) not in (1, count):
-        rule = f"one for all tables, or one for each, {count}"
         raise InputError(
             "--noise",
             received=f"{len(noise)} of them",
-            rule=rule,
+            rule=f"one for all tables, or one for each, {count}",
             remedy='say, --noise "0.2 mm, 0.5 mm"',
         )
     return noise[0], tuple(
@@ -366,9 +365,12 @@ def _of_tables(
 def _on_one_grid(scene: Scene) -> Scene:
     """The scene on the cells that its resolution requests. Raises InputError where effects are still to be chosen."""
     if scene.effects.auto:
-        rule = "a fit compares runs with the same effects"
-        remedy = "name those that `magmpm run` reports as chosen"
-        raise InputError("effects", received="auto", rule=rule, remedy=remedy)
+        raise InputError(
+            "effects",
+            received="auto",
+            rule="a fit compares runs with the same effects",
+            remedy="name those that `magmpm run` reports as chosen",
+        )
     if not scene.resolution.requested:
         return scene
     resolution = run(scene).resolution
@@ -384,24 +386,27 @@ def _check_counts(
 ) -> None:
     """Raises InputError where there are fewer numbers than constants, or too few to tell the noise."""
     if measured.has_angles and angle_noise is None and not measured.angles_alone:
-        rule = "angles and lengths are weighed by their errors"
-        remedy = 'give the error of an angle: --angle-noise "1 deg"'
-        raise InputError("--angle-noise", received="nothing", rule=rule, remedy=remedy)
+        raise InputError(
+            "--angle-noise",
+            received="nothing",
+            rule="angles and lengths are weighed by their errors",
+            remedy='give the error of an angle: --angle-noise "1 deg"',
+        )
     unknown = sum(constant.known is None for constant in constants)
     if measured.numbers < unknown:
         names = ", ".join(constant.name for constant in constants)
-        rule = f"{unknown} constants ({names}) need {unknown} measured numbers or more"
         raise Refused(
             measured.named,
             received=f"{measured.numbers}",
-            rule=rule,
+            rule=f"{unknown} constants ({names}) need {unknown} measured numbers or more",
             remedy="measure more, or --vary fewer",
         )
     if measured.numbers == unknown and (angle_noise if measured.angles_alone else noise) is None:
-        rule = "with as many readings as constants the errors of measurement can't be estimated"
-        received = f"{measured.numbers} number{'s' * (measured.numbers != 1)}"
         raise InputError(
-            measured.named, received=received, rule=rule, remedy='give it: --noise "0.2 mm"'
+            measured.named,
+            received=f"{measured.numbers} number{'s' * (measured.numbers != 1)}",
+            rule="with as many readings as constants the errors of measurement can't be estimated",
+            remedy='give it: --noise "0.2 mm"',
         )
 
 

@@ -286,18 +286,24 @@ def read_split(
     left = [table for table in (read_measured(path, scene, held) for path in paths) if table.states]
     for column, value in chosen:
         if (column, value) not in met:
-            remedy = f"{column} is one of {', '.join(sorted(cells[column])[:12])}"
-            rule = f"each value must appear in its column: no row has {column} = {value!r}"
-            raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
+            raise TableError(
+                "--hold-out",
+                received=repr(hold_out),
+                rule=f"each value must appear in its column: no row has {column} = {value!r}",
+                remedy=f"{column} is one of {', '.join(sorted(cells[column])[:12])}",
+            )
     known = [
         table
         for table in (read_measured(path, scene, lambda row: not held(row)) for path in paths)
         if table.states
     ]
     if not known:
-        rule = "some rows must remain for the fit, and these are all"
-        remedy = "hold out fewer values"
-        raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
+        raise TableError(
+            "--hold-out",
+            received=repr(hold_out),
+            rule="some rows must remain for the fit, and these are all",
+            remedy="hold out fewer values",
+        )
     return together(known), together(left)
 
 
@@ -479,8 +485,10 @@ def _kind(header: CsvLine, columns: list[_Column]) -> str:
     tips = {name for name in named if name.startswith("tip_")}
     points = named & set(AXES)
     if tips and (points or "s" in named):
-        rule = "a table holds tips (tip_x_mm ...) or points (x_mm ...), not both"
-        raise header.error(rule, "make two tables of it, or give each tip its s_mm")
+        raise header.error(
+            "a table holds tips (tip_x_mm ...) or points (x_mm ...), not both",
+            "make two tables of it, or give each tip its s_mm",
+        )
     if tips:
         return "tips"
     if "s" in named and points:
@@ -513,17 +521,19 @@ def _fit_together(header: CsvLine, named: set[str], scene: Scene, kind: str) -> 
             "name one in the scene, `magnetic_torque: {}`, or remove the columns",
         )
     if "field" in fields and not any(scene.field.uniform):
-        rule = "field_mT is along the scene's uniform field, and it has none"
-        raise header.error(rule, "write field_x_mT, field_y_mT, field_z_mT instead")
-    if "t" in named and not scene.in_time:
-        rule = "the scene is an equilibrium, which has no time"
         raise header.error(
-            rule, "write `solver: {dynamic: {duration: ...}}` in the scene, or remove t"
+            "field_mT is along the scene's uniform field, and it has none",
+            "write field_x_mT, field_y_mT, field_z_mT instead",
+        )
+    if "t" in named and not scene.in_time:
+        raise header.error(
+            "the scene is an equilibrium, which has no time",
+            "write `solver: {dynamic: {duration: ...}}` in the scene, or remove t",
         )
     if scene.in_time and "t" not in named:
-        rule = "the scene runs along time, so the table must say when"
         raise header.error(
-            rule, "add the column t_ms, or make the scene an equilibrium: `solver: {static: {}}`"
+            "the scene runs along time, so the table must say when",
+            "add the column t_ms, or make the scene an equilibrium: `solver: {static: {}}`",
         )
     if fields and scene.in_time:
         raise header.error(
@@ -560,9 +570,8 @@ def _row(
     """The numbers of a row in SI; cells that are empty are left out. Raises TableError."""
     cells = line.cells
     if len(cells) != len(columns):
-        rule = f"a row must have {len(columns)} cells, as the header has"
         raise line.error(
-            rule,
+            f"a row must have {len(columns)} cells, as the header has",
             "check this row; leave a cell empty where nothing was measured",
             f"{len(cells)} cells",
         )
@@ -578,8 +587,11 @@ def _row(
     ):
         if quantity in named and quantity not in values:
             title = next(column.title for column in columns if column.quantity == quantity)
-            rule = f"{title} identifies a reading; it can't be empty"
-            raise line.error(rule, "fill it in, or remove the row", f"{title} empty")
+            raise line.error(
+                f"{title} identifies a reading; it can't be empty",
+                "fill it in, or remove the row",
+                f"{title} empty",
+            )
     measured = [name for name in values if name in AXES or name.startswith("tip_")]
     if not measured or (kind == "curve" and len(measured) < len(named & set(AXES))):
         raise line.error(
@@ -601,17 +613,18 @@ def _number(line: CsvLine, column: _Column, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        received = f'"{text[:40]}" in {column.title}'
         raise line.error(
             f"{column.title} must be a finite number",
             "correct it, or leave the cell empty",
-            received,
+            f'"{text[:40]}" in {column.title}',
         )
     if abs(value) > MOST[column.kind] * (1 + 1e-12):
         most = MOST[column.kind] / column.factor
-        rule = f"{column.title} must be at most {most:g}"
-        remedy = "check the number, and the unit in the header"
-        raise line.error(rule, remedy, f"{text[:40]} in {column.title}")
+        raise line.error(
+            f"{column.title} must be at most {most:g}",
+            "check the number, and the unit in the header",
+            f"{text[:40]} in {column.title}",
+        )
     return value
 
 
@@ -628,8 +641,11 @@ def _within(line: CsvLine, values: dict[str, float], scene: Scene) -> None:
             rule, "check the number, its unit, and the length in the scene", f"s = {1e3 * s:g} mm"
         )
     if t is not None and not 0 <= t <= scene.duration * (1 + 1e-9):
-        rule = f"t must lie within the scene's time: 0 to {1e3 * scene.duration:g} ms"
-        raise line.error(rule, "make the scene longer, or remove the row", f"t = {1e3 * t:g} ms")
+        raise line.error(
+            f"t must lie within the scene's time: 0 to {1e3 * scene.duration:g} ms",
+            "make the scene longer, or remove the row",
+            f"t = {1e3 * t:g} ms",
+        )
     if values.get("tip_angle", 0.0) < 0:
         rule = (
             "tip_angle is the angle between the tip's axis and the clamped base's, 0 to 180 degrees"

@@ -80,8 +80,10 @@ class Goal(Settings):
     @classmethod
     def _single(cls, measure: Any) -> Any:
         if isinstance(measure, list):
-            remedy = "make a list of goals: `goal: [{target: ...}, {target: ...}]`"
-            raise fault("a goal has one measure", remedy)
+            raise fault(
+                "a goal has one measure",
+                "make a list of goals: `goal: [{target: ...}, {target: ...}]`",
+            )
         return measure
 
     one_of = ("maximize", "minimize", "target")

@@ -224,12 +224,10 @@ class Apart(AtMoment):
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
 
-    @abstractmethod
-    def parts(self, answer: Answer, at: str, of: Slopes) -> tuple[Array, Array]:
-        """Components (m,) of the vector, with their derivatives (m, k)."""
-
     def slopes(self, answer: Answer, at: str, of: Slopes) -> Array:
-        apart, way = self.parts(answer, at, of)
+        found = self.parts(answer, at, of)
+        assert found is not None  # its components are what it is the length of
+        apart, way = found
         return np.asarray(apart / max(float(np.linalg.norm(apart)), 1e-12) @ way)
 
 

@@ -83,30 +83,23 @@ def values_and_slopes(
     def region(of: str) -> int | None:
         return None if of == "body" else names.index(of)
 
-    def place(of: str, k: float) -> Array:
+    def derived(k: float, of: Callable[[Sensitivities], Array], *shape: int) -> Array:
         there = near(int(k))
-        if there is None:
-            return np.zeros((3, len(ways)))
-        if of == "tip":
-            assert there.tip is not None  # the measure has asked for it
-            return np.asarray(there.tip @ turns)
-        return there.mean(region(of)) @ turns
+        return np.zeros((*shape, len(ways))) if there is None else of(there) @ turns
+
+    def place(of: str, k: float) -> Array:
+        if of == "tip":  # the measure has asked for it
+            return derived(k, lambda there: np.asarray(there.tip), 3)
+        return derived(k, lambda there: there.mean(region(of)), 3)
 
     def moment(of: str, k: float) -> Array:
-        there = near(int(k))
-        if there is None:
-            return np.zeros((3, 3, len(ways)))
-        return there.moments("tip" if of == "tip" else region(of)) @ turns
+        return derived(k, lambda there: there.moments("tip" if of == "tip" else region(of)), 3, 3)
 
     def force(of: str, k: int) -> Array:
-        there = near(k if scene.in_time else 1)
-        return np.zeros((3, len(ways))) if there is None else there.contact_force(of) @ turns
+        return derived(k if scene.in_time else 1, lambda there: there.contact_force(of), 3)
 
     def gaps(target: Array, k: float) -> Array:
-        there = near(int(k))
-        if there is None:
-            return np.zeros((len(target), 3, len(ways)))
-        return gap_derivatives(there, target) @ turns
+        return derived(k, lambda there: gap_derivatives(there, target), len(target), 3)
 
     slopes = Slopes(place, moment, force, gaps)
     out = {}

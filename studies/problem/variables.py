@@ -204,19 +204,15 @@ class VaryNumber(VaryWithin):
 
     @model_validator(mode="after")
     def _one_way(self) -> VaryNumber:
-        if self.turned_about is not None and (
-            not isinstance(self.of, tuple) or (self.direction is None and self.within is None)
-        ):
+        vector = self.direction is not None or self.within is not None
+        if self.turned_about is not None and not (vector and isinstance(self.of, tuple)):
             raise fault(
                 "turned_about is for a list of directions",
                 "give `of` a list of addresses, and `direction: {}`",
                 ("turned_about",),
             )
-        bounded = self.min is not None or self.max is not None
-        vector = self.direction is not None or self.within is not None
-        if bounded + (self.choices is not None) + vector != 1 or (
-            bounded and (self.min is None or self.max is None)
-        ):
+        ways = (self.min is not None, self.choices is not None, vector)
+        if sum(ways) != 1 or (self.min is None) != (self.max is None):
             raise fault(
                 "must have min and max, or choices, or a direction, or within",
                 "write, say, `{of: field.uniform[2], min: 2 mT, max: 8 mT}`",

@@ -35,9 +35,8 @@ def check_file_name(path: Path) -> None:
     found = folder_fault(path.stem)
     if found is not None:
         where = f"{path}: its name without the ending names the folder of results"
-        received = f'"{path.stem}"'
         raise InputError(
-            where, received=received, rule=found[0], remedy=f"rename the file; {found[1]}"
+            where, received=f'"{path.stem}"', rule=found[0], remedy=f"rename the file; {found[1]}"
         )
 
 
@@ -180,12 +179,11 @@ def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
             f"a depth must be at least one diameter of the catheter, {1e3 * scene.thickness:g} mm:"
             " a shorter piece is no rod"
         )
-        remedy = f"begin with `{1e3 * scene.thickness:g} mm`, or leave it out"
         raise InputError(
             place(document, "insertion", "depths"),
             received=f"{1e3 * depths[0]:g} mm",
             rule=rule,
-            remedy=remedy,
+            remedy=f"begin with `{1e3 * scene.thickness:g} mm`, or leave it out",
         )
 
 
@@ -252,45 +250,57 @@ def check_shape(target: Array, length: float, where: str) -> Array:
     longest_target = 1.1
     fewest_points = 2  # of a target, beyond the base
     if target[-1, 0] > length * (1 + 1e-6):
-        received = f"s_mm up to {1e3 * target[-1, 0]:g}"
-        rule = f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm"
-        remedy = "check that the target belongs to this catheter"
-        raise InputError(where, received=received, rule=rule, remedy=remedy)
+        raise InputError(
+            where,
+            received=f"s_mm up to {1e3 * target[-1, 0]:g}",
+            rule=f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm",
+            remedy="check that the target belongs to this catheter",
+        )
     rows = target if target[0, 0] == 0 else np.vstack([np.zeros(4), target])
     if len(rows) - 1 < fewest_points:
-        received = f"{len(rows) - 1} point beyond the base"
         rule = (
             f"a shape needs {fewest_points} points or more beyond the base: one says where it is,"
             " and not how it bends"
         )
         raise InputError(
-            where, received=received, rule=rule, remedy="add points, one for each segment or more"
+            where,
+            received=f"{len(rows) - 1} point beyond the base",
+            rule=rule,
+            remedy="add points, one for each segment or more",
         )
     if np.linalg.norm(rows[0, 1:]) > 0.01 * length:
-        received = f"{1e3 * rows[0, 1:]} mm at s = 0"
-        rule = "the target must start at the catheter's base, the origin"
-        raise InputError(where, received=received, rule=rule, remedy="move the target")
+        raise InputError(
+            where,
+            received=f"{1e3 * rows[0, 1:]} mm at s = 0",
+            rule="the target must start at the catheter's base, the origin",
+            remedy="move the target",
+        )
     distance = np.linalg.norm(np.diff(rows[:, 1:], axis=0), axis=1)
     along = np.diff(rows[:, 0])
     worst = int(np.argmax(distance - longest_target * along))
     if distance[worst] > longest_target * along[worst] + 0.001 * length:
         a = 1e3 * rows[worst, 0]
         b = 1e3 * rows[worst + 1, 0]
-        received = f"points {1e3 * distance[worst]:.4g} mm apart at s_mm = {a:g} and {b:g}"
         rule = (
             "points must not be further apart than the catheter between them is long (it bends, but"
             " hardly stretches)"
         )
-        remedy = "check units, columns, and that the catheter leaves the base along +x"
-        raise InputError(where, received=received, rule=rule, remedy=remedy)
+        raise InputError(
+            where,
+            received=f"points {1e3 * distance[worst]:.4g} mm apart at s_mm = {a:g} and {b:g}",
+            rule=rule,
+            remedy="check units, columns, and that the catheter leaves the base along +x",
+        )
     if distance.sum() < 0.2 * along.sum():
         received = (
             f"points that span {1e3 * distance.sum():.4g} mm along {1e3 * along.sum():.4g} mm of"
             " catheter"
         )
-        rule = "the target's points must follow the catheter"
         raise InputError(
-            where, received=received, rule=rule, remedy="check units: columns are in mm"
+            where,
+            received=received,
+            rule="the target's points must follow the catheter",
+            remedy="check units: columns are in mm",
         )
     return rows
 
@@ -318,19 +328,23 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
         received = (
             f"a bend of {bend:.3g} deg at s_mm = {at:g}, a radius of {1e3 * radius[worst]:.3g} mm"
         )
-        rule = (
-            "a path must not bend sharper than the catheter's diameter allows, at a radius of"
-            f" {1e3 * thickness:g} mm"
-        )
         remedy = "smooth the path, or check its units; at s_mm = 0 it must leave the guide along +x"
-        raise InputError(where, received=received, rule=rule, remedy=remedy)
+        raise InputError(
+            where,
+            received=received,
+            rule="a path must not bend sharper than the catheter's diameter allows, at a radius of"
+            f" {1e3 * thickness:g} mm",
+            remedy=remedy,
+        )
     _check_curve(rows, thickness, where)
     depths = file.insertion.depths if file.insertion is not None else 1
     if isinstance(depths, tuple) and depths[-1] > rows[-1, 0] * (1 + 1e-6):
-        received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
         rule = f"the path must reach as far as the depths: the last one is {1e3 * depths[-1]:g} mm"
         raise InputError(
-            where, received=received, rule=rule, remedy="give shorter depths, or a longer path"
+            where,
+            received=f"a path up to s_mm = {1e3 * rows[-1, 0]:g}",
+            rule=rule,
+            remedy="give shorter depths, or a longer path",
         )
 
 
@@ -338,39 +352,31 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
     """The smooth curve through the points, which is what is followed: at least a diameter long, as long as s_mm says, and not sharper."""
     as_long = 0.05  # how far s_mm may be from the length of a path's curve
     if rows[-1, 0] < thickness * (1 - 1e-9):
-        received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
-        rule = (
-            f"a path is at least one diameter of the catheter long, {1e3 * thickness:g} mm: a"
-            " shorter piece is no rod"
-        )
         raise InputError(
-            where, received=received, rule=rule, remedy="give a longer path, and check its units"
+            where,
+            received=f"a path up to s_mm = {1e3 * rows[-1, 0]:g}",
+            rule=f"a path is at least one diameter of the catheter long, {1e3 * thickness:g} mm: a"
+            " shorter piece is no rod",
+            remedy="give a longer path, and check its units",
         )
     curve = Curve(rows)
     if (radius := curve.smallest_radius()) < thickness:
-        received = (
-            "points whose smooth curve, which leaves the guide along +x, has a radius of"
-            f" {1e3 * radius:.3g} mm"
-        )
-        rule = (
-            "a path must not bend sharper than the catheter's diameter allows, at a radius of"
-            f" {1e3 * thickness:g} mm"
-        )
         raise InputError(
             where,
-            received=received,
-            rule=rule,
+            received="points whose smooth curve, which leaves the guide along +x, has a radius of"
+            f" {1e3 * radius:.3g} mm",
+            rule="a path must not bend sharper than the catheter's diameter allows, at a radius of"
+            f" {1e3 * thickness:g} mm",
             remedy="smooth the path, or give more points where it bends",
         )
     points = curve.at(np.linspace(0.0, rows[-1, 0], 1001))
     long = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if abs(long / rows[-1, 0] - 1.0) > as_long:
         received = f"s_mm up to {1e3 * rows[-1, 0]:g} for a curve that is {1e3 * long:.4g} mm long"
-        rule = f"s_mm is the length along the path, to {100 * as_long:g} %"
         raise InputError(
             where,
             received=received,
-            rule=rule,
+            rule=f"s_mm is the length along the path, to {100 * as_long:g} %",
             remedy="count s_mm along the points, and check the units",
         )
 

@@ -80,16 +80,17 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
         count = (
             f"{len(found.moves)} variable{'s that move' if len(found.moves) > 1 else ' that moves'}"
         )
-        received = f"{count} the shape by at most {most:.2g} mm at the target's points"
-        rule = (
-            f"something must move the shape, by {least:.2g} mm in a whole step (a radian, the"
-            " greatest field, a range)"
-        )
         remedy = (
             "vary the magnetization or the field, give the target points toward the tip, or the"
             " scene a stronger field"
         )
-        raise InputError(f"{study.path}: vary", received=received, rule=rule, remedy=remedy)
+        raise InputError(
+            f"{study.path}: vary",
+            received=f"{count} the shape by at most {most:.2g} mm at the target's points",
+            rule=f"something must move the shape, by {least:.2g} mm in a whole step (a radian, the"
+            " greatest field, a range)",
+            remedy=remedy,
+        )
     if found.seen < found.freedom:
         return [
             f"vary: {found.freedom} numbers vary, but {_compared_with(study)} distinguish only "

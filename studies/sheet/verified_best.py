@@ -226,8 +226,11 @@ def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> lis
     if "insertion" in design:
         return _pushed(_motion(scene, out), design)
     if study is None:
-        rule = "the schedule's shapes are those of its study file, which is gone or has changed"
-        raise InputError("--motion", rule=rule, remedy="leave it out")
+        raise InputError(
+            "--motion",
+            rule="the schedule's shapes are those of its study file, which is gone or has changed",
+            remedy="leave it out",
+        )
     paths = {"quasi_static_m": scene, "motion_m": in_motion(scene, study)}
     ways = {
         name: _distances(study, path, _motion(path, out / name.removesuffix("_m")))

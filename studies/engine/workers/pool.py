@@ -125,9 +125,13 @@ class Pool:
         self.deaths += 1
         self._failed_starts += not worker.ready
         if self._failed_starts >= failed_starts:
-            rule = f"worker processes must start; {failed_starts} in a row {how}"
-            remedy = "see that there is memory for them, or use --workers 1"
-            raise WorkersError(report("--workers", rule=rule, remedy=remedy))
+            raise WorkersError(
+                report(
+                    "--workers",
+                    rule=f"worker processes must start; {failed_starts} in a row {how}",
+                    remedy="see that there is memory for them, or use --workers 1",
+                )
+            )
         worker.tries += worker.ready
         worker.start()
         if worker.tries >= PROCESSES_PER_DESIGN:

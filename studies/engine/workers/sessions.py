@@ -396,16 +396,17 @@ class Session:
             by = trial.user_attrs.get(SESSION)
             owner = records.get("process" if by is None else RECORD + by, {})
             if alive(owner, self.out, _age(trial)):
-                rule = (
-                    f"trial {trial.number} is being run by process {owner['pid']} on"
-                    f" {owner['host']}"
-                )
                 remedy = (
                     "wait for it or end it, then run this command again: it resumes; or share the"
                     " work with it: --workers 1"
                 )
                 raise StorageError(
-                    report(f"study {self.kept.study_name}", rule=rule, remedy=remedy)
+                    report(
+                        f"study {self.kept.study_name}",
+                        rule=f"trial {trial.number} is being run by process {owner['pid']} on"
+                        f" {owner['host']}",
+                        remedy=remedy,
+                    )
                 )
             self.put_back(trial_id(trial))
 

@@ -78,9 +78,12 @@ def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
     out = {}
     for name, value in values.items():
         if name not in known:
-            rule = "this scene has no such slider"
-            remedy = f"use one of {', '.join(list(known)[:8])}"
-            raise InputError("values", received=repr(name)[:80], rule=rule, remedy=remedy)
+            raise InputError(
+                "values",
+                received=repr(name)[:80],
+                rule="this scene has no such slider",
+                remedy=f"use one of {', '.join(list(known)[:8])}",
+            )
         try:
             out[name] = (
                 math.nan
@@ -288,9 +291,12 @@ def ready(scene: Scene, cells: int | None = None) -> Scene:
     Raises InputError where nothing holds its body, or the cells don't fit it.
     """
     if scene.body.shape.clamp == "none":
-        rule = "only a body that is held somewhere has a rest"
-        remedy = "name a clamp, or view a motion: `solver: {dynamic: ...}`"
-        raise InputError(f"body.{scene.body.kind}.clamp", received="none", rule=rule, remedy=remedy)
+        raise InputError(
+            f"body.{scene.body.kind}.clamp",
+            received="none",
+            rule="only a body that is held somewhere has a rest",
+            remedy="name a clamp, or view a motion: `solver: {dynamic: ...}`",
+        )
     if scene.effects.auto:
         scene = choose_effects(scene).scene
     if cells is not None and not 2 <= cells <= 16:

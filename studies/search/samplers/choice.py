@@ -94,10 +94,11 @@ def check_suits(study: Study) -> None:
         rule, remedy = found
         raise InputError(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy)
     if len(study.minimize) > 1 and study.robust is not None:
-        rule = "`robust` judges a design by one objective"
-        remedy = "remove `robust` or `minimize`"
         raise InputError(
-            f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy
+            f"{study.path}: minimize",
+            received=str(list(study.minimize)),
+            rule="`robust` judges a design by one objective",
+            remedy="remove `robust` or `minimize`",
         )
 
 
@@ -183,24 +184,27 @@ def check_workers(workers: int | None, time_limit: float | None = None) -> None:
         For numbers that can't be.
     """
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
-        rule = f"must be from 1 to {MOST_WORKERS}"
         raise InputError(
             "--workers",
             received=str(workers),
-            rule=rule,
+            rule=f"must be from 1 to {MOST_WORKERS}",
             remedy="--workers 2, or as many as there are cores",
         )
     if time_limit is None:
         return
     if workers is None:
-        rule = "ends worker processes; without --workers there is none"
         raise InputError(
-            "--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--workers 1 as well"
+            "--time-limit",
+            received=f"{time_limit:g}",
+            rule="ends worker processes; without --workers there is none",
+            remedy="--workers 1 as well",
         )
     if not 0.0 < time_limit < math.inf:
-        rule = "must be a number of seconds above 0"
         raise InputError(
-            "--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--time-limit 600"
+            "--time-limit",
+            received=f"{time_limit:g}",
+            rule="must be a number of seconds above 0",
+            remedy="--time-limit 600",
         )
 
 
