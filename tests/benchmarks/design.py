@@ -83,7 +83,7 @@ def solved(study: Study) -> dict[str, Any]:
     if report.best is not None:
         scene = SearchSpace.of(study).scene_of(report.best["params"]).with_cells(FINER)
         found["best_mm"] = 1e3 * report.best["rms_m"]
-        found["finer_mm"] = 1e3 * root_mean_square(gaps(run(scene), study.target))
+        found["finer_mm"] = 1e3 * root_mean_square(gaps(run(scene).centreline, study.target))
     return found
 
 

@@ -84,11 +84,13 @@ def main(samples: str = "300") -> int:
         begun = time.perf_counter()
         found = sensitivities(scene, of=kinds(ERRORS))
         sizes = deviations(scene, found.variables, ERRORS)
-        expected = Scatter(gaps(found.result, target), gap_derivatives(found, target) * sizes)
+        expected = Scatter(
+            gaps(found.result.centreline, target), gap_derivatives(found, target) * sizes
+        )
         seconds = time.perf_counter() - begun
         rng = np.random.default_rng([7, len(rows)])
         shapes = [
-            gaps(run(made_with_errors(scene, found.variables, sizes, rng)), target)
+            gaps(run(made_with_errors(scene, found.variables, sizes, rng)).centreline, target)
             for _ in range(int(samples))
         ]
         values = np.array([root_mean_square(g) for g in shapes])
