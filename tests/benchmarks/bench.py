@@ -213,7 +213,7 @@ def derivative_error() -> dict[str, float]:
                 rows, tip = differences(
                     scene, variable, 1 / 30 if found.result.contacts else 1.0
                 )  # so that no other point touches
-                made = found.centreline[..., k] if len(rows) else found.tip[:, k]
+                made = (found.centreline if len(rows) else np.asarray(found.tip))[..., k]
                 expected = rows if len(rows) else tip
                 size = np.abs(expected).max()
                 if size > NOTHING:

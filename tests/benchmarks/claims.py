@@ -359,7 +359,7 @@ def settles() -> Figures:
     scene = rod_scene(field=field_for_load(2.0, np.pi / 2, length=40e-3, diameter=4e-3))
     still = run(scene)
     moved = run(moving(scene, {"damping": {"rate": 60.0}}, duration=0.3))
-    tip = float(np.linalg.norm(moved.tip - still.tip))
+    tip = float(np.linalg.norm(np.subtract(moved.tip, still.tip)))
     return {
         "axis": 100 * largest_distance(moved, still.centreline) / scene.length,
         "tip": 100 * tip / scene.length,

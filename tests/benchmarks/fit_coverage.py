@@ -74,7 +74,7 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
             else body.with_field([0.0, 0.0, 1e-3 * size])
         )
         last = run(there, start=last)
-        tip = 1e3 * (last.tip + noise)
+        tip = 1e3 * (np.asarray(last.tip) + noise)
         angle = math.degrees(tip_angle(Axis.alone(last.centreline, last.tip), 2)[0]) + off
         rows.append(
             f"{size},{angle:.6f}" if poses else f"{size},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f}"

@@ -85,7 +85,7 @@ def judged(scene: Scene, seed: int) -> dict[str, Any]:
         truth = run(scene.with_cells(reference))
     except MagmpmError as error:
         return {**row, "failed": f"no reference: {error}"}
-    tip = float(np.linalg.norm(result.tip - truth.tip))
+    tip = float(np.linalg.norm(np.subtract(result.tip, truth.tip)))
     row["true"] = (
         tip if scene.resolution.of == "tip" else largest_distance(truth, result.centreline)
     )
