@@ -13,7 +13,7 @@ import numpy as np
 
 from magmpm.bodies.curves import face_normals
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, compiled_elsewhere, inner, task_body
+from magmpm.compiled.jit import compiled, inlined_elsewhere, inner, task_body
 from magmpm.compiled.parallel import TOGETHER, over_parts, parts_of, task
 from magmpm.compiled.simd import WIDTH, load, one_by_one, splat
 
@@ -366,7 +366,7 @@ def _splines(p):
     return i, values, (d - 0.5, -2.0 * d, d + 0.5)
 
 
-@compiled_elsewhere
+@inlined_elsewhere
 def value(p, q, r, spacing, rows, columns, coefficients):
     """Distance (m) and the three components of its slope, at a place p, q, r in points from the table's first, each 0.5 or more and less
     than the last by as much. rows, columns: points along y and z; coefficients: `DistanceTable.flat`.

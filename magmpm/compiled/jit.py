@@ -46,8 +46,9 @@ _ALL: dict[str, Any] = {**_OPTIONS, "error_model": "numpy", "nogil": True}
 C_OPTIONS: dict[str, Any] = {"fastmath": FASTMATH, "error_model": "numpy"}  # of C functions
 kernel: Callable[..., Any] = jit(parallel=True, **_ALL)
 compiled: Callable[..., Any] = jit(**_ALL)
-# For functions that are called before the kernels of a run are compiled, as a body or a field is made; kernels that use them inline them.
-compiled_elsewhere: Callable[..., Any] = jit(elsewhere=True, forceinline=True, **_ALL)
+# For functions that are called before the kernels of a run are compiled, as a body or a field is made.
+compiled_elsewhere: Callable[..., Any] = jit(elsewhere=True, **_ALL)
+inlined_elsewhere: Callable[..., Any] = jit(elsewhere=True, forceinline=True, **_ALL)
 # What only compiled code calls: to be called from Python as well takes a tenth of compiling.
 inner: Callable[..., Any] = jit(no_cpython_wrapper=True, **_ALL)
 # What `compiled.parallel.task` takes: to be found by a symbol, it must be machine code on the disk.
@@ -95,6 +96,7 @@ __all__ = [
     "compiled",
     "compiled_elsewhere",
     "inlined",
+    "inlined_elsewhere",
     "inner",
     "inner_kernel",
     "kernel",
