@@ -336,7 +336,7 @@ def _relax_one(r, given):
         for i in range(3):
             position[r, k, i] = place[k, i]
     found[r] = status == 0 and stable
-    if found[r]:
+    if found[r] and slopes.shape[1] > 0:
         found[r] = _slopes(q[r], rod, parameters, frames, slopes[r])
 
 
@@ -345,6 +345,6 @@ def relax_all(q, rods, parameters, position, slopes, found):
     """Equilibria of many rods with their slopes, each from its q (rods, n + 1, 4), changed in place.
 
     rods: moment (rods, n, 3), field and weight (rods, n + 1, 3); parameters: `sizes` and `shares`. Written: position (rods, n + 1, 3),
-    slopes (rods, columns, 2, n + 1, 3), found (rods,): whether it is a stable equilibrium.
+    slopes (rods, columns, 2, n + 1, 3; none where there are no columns), found (rods,): whether it is a stable equilibrium.
     """
     over_parts(len(q), task(_relax_one, (q, rods, parameters, position, slopes, found)))

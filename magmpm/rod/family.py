@@ -170,6 +170,7 @@ class RodFamily:
         *,
         pull: Array | float = 0.0,
         share: float = 1.0,
+        sloped: bool = True,
     ) -> tuple[Array, Array, Array]:
         """Find equilibria of several rods near given frames.
 
@@ -185,6 +186,8 @@ class RodFamily:
             On the elements, of a field that varies.
         share : float, no unit
             Of all loads.
+        sloped : bool
+            Whether slopes are wanted, which cost about as much as three steps to the equilibrium.
 
         Returns
         -------
@@ -204,7 +207,7 @@ class RodFamily:
         shares[:, 0] = share
         position = np.empty((rods, frames, 3))
         found = np.empty(rods, dtype=bool)
-        slopes = np.zeros((rods, 3 * (len(self.sizes) + groups), 2, frames, 3))
+        slopes = np.zeros((rods, sloped * 3 * (len(self.sizes) + groups), 2, frames, 3))
         weight = np.tile(share * self.rod.weight, (rods, 1, 1))
         weight[:, :-1] += (
             share

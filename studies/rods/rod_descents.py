@@ -250,15 +250,17 @@ class DescendingRods:
         )
         for step in range(1, self.load_steps):
             self.family.relaxed(
-                quaternions, directions, fields, pull=pull, share=step / self.load_steps
+                quaternions,
+                directions,
+                fields,
+                pull=pull,
+                share=step / self.load_steps,
+                sloped=False,
             )
-        found = self.family.relaxed(quaternions, directions, fields, pull=pull)
-        if gradient is None:
-            return found
-        for _ in range(PULLS - 1):
+        for _ in range(0 if gradient is None else PULLS - 1):
+            self.family.relaxed(quaternions, directions, fields, pull=pull, sloped=False)
             pull = self.family.pull(quaternions, directions, gradient)
-            found = self.family.relaxed(quaternions, directions, fields, pull=pull)
-        return found
+        return self.family.relaxed(quaternions, directions, fields, pull=pull)
 
     def _at_stations(self, values: Array) -> Array:
         """Values (s, n + 1, ...) at the frames as values (s, m, ...) at the target's m stations, over the root of m."""

@@ -5,7 +5,7 @@ The part of the Gauss-Newton sampler (gauss_newton.py) that knows geometry. Like
 
 from __future__ import annotations
 
-import math
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -205,14 +205,22 @@ def trusted_step(
         )
 
     def expected(p: Array) -> float:
-        size = float(p @ p)
         left = r + J @ p
-        return float(left @ left) + (curvature * size) ** 2 if size <= radius * radius else math.inf
+        return float(left @ left) + (curvature * float(p @ p)) ** 2
+
+    def within(p: Array) -> bool:
+        return bool(p @ p <= radius * radius)
+
+    def allowed(roots: Array) -> list[Array]:
+        """Steps of the last roots, which are the largest, as many as are within the radius: they grow as roots fall."""
+        steps = (damped(root) for root in roots[::-1])
+        return [*itertools.takewhile(within, steps)][::-1]
 
     more = largest + float(np.linalg.norm(J.T @ r)) / (radius * largest)
-    while np.linalg.norm(damped(more)) > radius:
+    while not within(damped(more)):
         more *= 4.0
     roots = np.geomspace(less, more, DAMPINGS)
-    best = int(np.argmin([expected(damped(root)) for root in roots]))
+    costs = [expected(p) for p in allowed(roots)]
+    best = DAMPINGS - len(costs) + int(np.argmin(costs))
     around = np.geomspace(roots[max(best - 1, 0)], roots[min(best + 1, DAMPINGS - 1)], DAMPINGS)
-    return min((damped(root) for root in around), key=expected)
+    return min(allowed(around), key=expected)
