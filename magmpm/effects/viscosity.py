@@ -238,6 +238,12 @@ def of_loss_factor(loss_factor: float) -> tuple[Array, Array]:
     return share, times
 
 
+@inlined
+def _plus_product(start, a, b):
+    """start + a . b of two vectors, in this order."""
+    return start + a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 @compiled
 def rate_stress(effect, data, rho, F, dF, P):
     """P += 2 eta J D F^-T, Pa, with D the symmetric part of L = dF F^-1. Written without loops: it serves eight particles at a time."""
@@ -257,33 +263,15 @@ def rate_stress(effect, data, rho, F, dF, P):
     )
     x, y, z = cofactors
     scale = effect.viscosity / (a * x[0] + b * x[1] + c * x[2])  # eta / J; 2 D = L + L^T
-    xx = 2.0 * scale * (dF[0, 0] * x[0] + dF[0, 1] * x[1] + dF[0, 2] * x[2])
-    yy = 2.0 * scale * (dF[1, 0] * y[0] + dF[1, 1] * y[1] + dF[1, 2] * y[2])
-    zz = 2.0 * scale * (dF[2, 0] * z[0] + dF[2, 1] * z[1] + dF[2, 2] * z[2])
-    xy = scale * (
-        dF[0, 0] * y[0]
-        + dF[0, 1] * y[1]
-        + dF[0, 2] * y[2]
-        + dF[1, 0] * x[0]
-        + dF[1, 1] * x[1]
-        + dF[1, 2] * x[2]
-    )
-    xz = scale * (
-        dF[0, 0] * z[0]
-        + dF[0, 1] * z[1]
-        + dF[0, 2] * z[2]
-        + dF[2, 0] * x[0]
-        + dF[2, 1] * x[1]
-        + dF[2, 2] * x[2]
-    )
-    yz = scale * (
-        dF[1, 0] * z[0]
-        + dF[1, 1] * z[1]
-        + dF[1, 2] * z[2]
-        + dF[2, 0] * y[0]
-        + dF[2, 1] * y[1]
-        + dF[2, 2] * y[2]
-    )
+    u = (dF[0, 0], dF[0, 1], dF[0, 2])
+    v = (dF[1, 0], dF[1, 1], dF[1, 2])
+    w = (dF[2, 0], dF[2, 1], dF[2, 2])
+    xx = 2.0 * scale * _plus_product(0.0, u, x)
+    yy = 2.0 * scale * _plus_product(0.0, v, y)
+    zz = 2.0 * scale * _plus_product(0.0, w, z)
+    xy = scale * _plus_product(_plus_product(0.0, u, y), v, x)
+    xz = scale * _plus_product(_plus_product(0.0, u, z), w, x)
+    yz = scale * _plus_product(_plus_product(0.0, v, z), w, y)
     for k in range(3):
         P[0, k] += xx * x[k] + xy * y[k] + xz * z[k]
         P[1, k] += xy * x[k] + yy * y[k] + yz * z[k]
