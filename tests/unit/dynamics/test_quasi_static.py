@@ -11,6 +11,7 @@ from reference.buckling import column
 from reference.moving import moving_scene
 from reference.solids import box, turned
 from reference.stopped import switched_off
+from scipy.integrate import simpson
 from scipy.spatial.transform import Rotation
 
 from magmpm import Motion, Result, Scene, SolveError, run
@@ -76,6 +77,25 @@ def test_a_ramp_ends_where_the_static_solve_does() -> None:
     np.testing.assert_allclose(
         first["tip"], at_rest(path.with_field([0, 0, 1e-12])).tip, atol=1e-6 * path.length
     )
+
+
+def test_energies_of_a_path_are_the_work_of_its_field(tmp_path: Path) -> None:
+    """Of the greatest field B its share s acts, with the energy s e(s). In equilibrium the sum of all energies changes by e(s) ds alone,
+    whatever the shape does (Hellmann and Feynman); Simpson's rule over nine frames is good to 1e-5 here.
+    """
+    path = scene({"steps": 8})
+    run(path, folder=tmp_path)
+    found = Motion.load(tmp_path).energies
+    np.testing.assert_allclose(found["t"], np.linspace(0.0, 1.0, 9), atol=1e-12)
+    parts = [found[name] for name in ("elastic", "magnetic_torque")]
+    np.testing.assert_allclose(found["total"], sum(parts), rtol=1e-12)
+    share = found["t"][1:]
+    begin = 0.0  # of e: the straight body is magnetized across the field
+    along = np.concatenate([[begin], found["magnetic_torque"][1:] / share])
+    work = simpson(along, x=found["t"])
+    assert found["total"][-1] - found["total"][0] == pytest.approx(work, rel=2e-5)
+    alone = at_rest(path)
+    assert found["total"][-1] == pytest.approx(alone.energy, rel=1e-6)
 
 
 def frame_of_parts(angle: float, folder: Path) -> tuple[Motion, np.ndarray]:
