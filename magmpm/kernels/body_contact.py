@@ -53,7 +53,7 @@ MOST_PLACE_ITERATIONS = 20
 # to some percent
 GOOD_WHILE_MOVED = 0.25
 LEAST_SHARE_OF_DISTANCE = (
-    0.5  # of d: the present distance of the surface is at least this, whatever the strain
+    0.5  # of the way, as strained now, to the plane below across the normal: no face is nearer
 )
 
 
@@ -170,17 +170,20 @@ def _inverted(F, out):
 
 @inner
 def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, inverse):
-    """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface. work (24,):
-    values of the splines there, room, and at last the normal.
+    """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface. work (27,):
+    values of the splines there, room, from 21 on the normal, and room.
 
     A place out of the solid is found from the surface below it, whose motion goes on there: nodes that are farther out are light, and say
-    nothing. X then is that place of the surface. The distance is 0 if nothing is found.
+    nothing. X then is that place of the surface, and the normal leads away from it. The distance is 0 if nothing is found. In a crushed
+    edge steps lead to and fro: if they have not ended halfway, they go on as long as they lead nearer, and back by a half where not.
     """
     value = work[:9]
     slope = work[9:18]
     u = work[18:21]
-    normal = work[21:]
-    for _ in range(MOST_PLACE_ITERATIONS):
+    normal = work[21:24]
+    before = work[24:]
+    nearest = np.inf
+    for step in range(MOST_PLACE_ITERATIONS):
         for k in range(6):  # two cells farther along each axis
             xi = (X[k % 3] - cells.low[3 * cell + k % 3]) / cells.width[3 * cell + k % 3]
             after = cells.next[6 * cell + 2 * (k % 3) + (1 if xi > 0.5 else 0)]
@@ -195,9 +198,17 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, invers
         _inverted(F, inverse)
         if off < PLACE_TOLERANCE:
             return cell, solid_distance(solids, s, X, normal)
+        if step >= MOST_PLACE_ITERATIONS // 2:
+            if off > nearest:
+                for i in range(3):
+                    X[i] = 0.5 * (X[i] + before[i])
+                continue
+            nearest = off
+            before[:] = X
         slope[:3] = X
         for i in range(3):
             X[i] += inverse[i, 0] * u[0] + inverse[i, 1] * u[1] + inverse[i, 2] * u[2]
+        slope[3:6] = X
         below = d = solid_distance(solids, s, X, normal)
         for _ in range(3):  # at an edge, one face after another
             if below > 0.0:
@@ -206,12 +217,15 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, invers
                 below = solid_distance(solids, s, X, normal)
         if d > 0.0 and not below < 0.5 * d:  # too far for a table
             X[:] = slope[:3]
-            return cell, min(d, cells.width[3 * cell])
-        if (
-            d > 0.0
-            and (X[0] - slope[0]) ** 2 + (X[1] - slope[1]) ** 2 + (X[2] - slope[2]) ** 2
-            < (GOOD_WHILE_MOVED * d) ** 2
-        ):
+            d = min(d, cells.width[3 * cell])
+        moved = 0.0
+        away = 0.0
+        for i in range(3):
+            moved += (X[i] - slope[i]) ** 2
+            away += (slope[3 + i] - X[i]) ** 2
+        if d > 0.0 and moved < (GOOD_WHILE_MOVED * d) ** 2:
+            for i in range(3):  # beyond an edge no face's own
+                normal[i] = (slope[3 + i] - X[i]) / np.sqrt(away)
             return cell, d
     return cell, 0.0
 
@@ -222,7 +236,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     memory = meeting.memory
     law = meeting.law
     cells = _cells(meeting)
-    work = np.empty(24)
+    work = np.empty(27)
     solids = Solids(
         meeting.size,
         meeting.points,
@@ -233,7 +247,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     )
     x = np.empty(3)
     X = np.empty(3)
-    normal = work[21:]
+    normal = work[21:24]
     F = np.empty((3, 3))
     inverse = np.empty((3, 3))
     f = np.empty(PARTS)
@@ -254,14 +268,17 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
             x[i] = surface.place[3 * p + i] + u[i]
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL], d = X, cell, d - memory[at + BEGUN]
+        steep = 0.0  # of the distance, along the present normal
+        for i in range(3):
+            n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
+            steep += n[i] ** 2
         if not d < 0.0:
             leaves(memory, at + FRICTION)
-            memory[at + ROOM] = memory[-1] + 0.5 * LEAST_SHARE_OF_DISTANCE * d
+            room = 0.5 * LEAST_SHARE_OF_DISTANCE * d / np.sqrt(max(steep, 1.0))
+            memory[at + ROOM] = memory[-1] + room
             continue
         named = np.fmin(surface.friction[p], cells.friction[cell])
         friction = named if named >= 0.0 else law[1]
-        for i in range(3):
-            n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
         f[:] = 0.0
         rigidity = cells.share[cell] * surface.mass[p] * law[0]
         push(-d, n[0], n[1], n[2], rigidity, friction, f)
@@ -387,7 +404,7 @@ def places_at_rest(cells, solids, strides, u, x, solid, begun, places):
 
     strides: nodes from one to the next along x and y; u (3 nodes,) m; begun (n,): the distance m, 0 or less, at which each begins to touch.
     """
-    work = np.empty(24)
+    work = np.empty(27)
     F = np.empty((3, 3))
     inverse = np.empty((3, 3))
     curved = np.empty((3, 3))

@@ -28,6 +28,7 @@ from magmpm.kernels.body_contact import (
     FRICTION,
     MEMORY,
     PLACE,
+    ROOM,
     _add_all,
     _rub,
     _touch,
@@ -107,6 +108,33 @@ def test_places_and_depths_in_a_deformed_solid(motion: TotalMotion) -> None:
     np.testing.assert_allclose(
         reports[1]["point"], reports[0]["point"], rtol=0, atol=1e-9 * SIZE
     )  # of the push: friction moves it not
+
+
+@pytest.mark.parametrize("crushed", [1.0, 0.3, 0.1])
+def test_no_point_touches_before_it_is_looked_at_again(motion: TotalMotion, crushed: float) -> None:
+    """A pair that does not touch rests until points may have moved by half of their present gap, however b is crushed."""
+    gap = 0.05e-3
+    X = motion.packed.node_place
+    near = np.flatnonzero(np.arange(len(X)) >= len(X) // 2)
+    u = np.zeros_like(X)
+    u[near, 0] = SIZE + gap + crushed * (X[near, 0] - SIZE - 0.1e-3) - X[near, 0]
+    contact = motion.contact
+    contact.list(u.ravel())
+    meeting = contact.meeting
+    meeting.memory[:-1].reshape(-1, MEMORY)[:, ROOM] = 0.0  # look at all
+    memory, _ = touched(motion, u.ravel())
+    on = np.flatnonzero(meeting.solid == 1)
+    assert len(on) > 10
+    assert not memory[on, DEPTH].any()
+    x = motion.packed.surface.place.reshape(-1, 3)[meeting.point[on]]
+    low = np.array([SIZE + gap, 0.2e-3, 0.3e-3])
+    distance = np.linalg.norm(np.maximum(low - x, 0.0), axis=1)
+    room = (memory[on, ROOM] - meeting.memory[-1]) / distance
+    assert room.max() <= 0.5
+    before_the_face = distance < gap * (1 + 1e-9)
+    np.testing.assert_allclose(
+        room[before_the_face], 0.25, rtol=1e-5
+    )  # corners are in single precision, as STL has them: 0.2 nm of the gap
 
 
 def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> None:
