@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.errors import InputError, SolveError
 from magmpm.results import notices
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
@@ -36,7 +37,7 @@ from magmpm.solving.solve import (
     solve,
     with_state,
 )
-from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread
+from magmpm.statics.equilibrium import Equilibrium, Following
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.linearized import Linearized, Sensitivities
 from magmpm.statics.stability import stability

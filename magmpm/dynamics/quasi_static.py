@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.dynamics import energies
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.path_loads import EquilibriumShape, FeedLoads, FieldLoads
@@ -25,7 +26,7 @@ from magmpm.results.trajectory import Instant, MotionWriter
 from magmpm.scene import Scene
 from magmpm.statics.branch import SHORTEST_ARC, EquilibriumPath, Jump, Reached, point_of
 from magmpm.statics.contact import Held, contacts_at_rest
-from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
+from magmpm.statics.equilibrium import Equilibrium
 from magmpm.statics.own_contact import HeldPairs
 
 Progress = Callable[[float, int], None]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.effects import acting as effects
 from magmpm.effects.base import Contact
 from magmpm.errors import SolveError
@@ -27,7 +28,7 @@ from magmpm.solving.precompile import SOLVE, prepare_kernels
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.contact import Touched, contacts_at_rest
 from magmpm.statics.energy import Point
-from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread, solve_static
+from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
 from magmpm.statics.interacting import energy_of
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import factored

@@ -6,17 +6,15 @@ it is found instead, on whatever branch it is.
 """
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from magmpm.bodies.curves import tightest_radius
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.by_address import addresses
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.effects import acting
 from magmpm.errors import LeftField, SolveError, TimeOver
 from magmpm.materials import poisson_ratio
@@ -53,8 +51,6 @@ BODY = (
     "layout.cell_first",
 )
 LOADED = ("remanence", "density")  # what loads act on
-
-_controller: ThreadpoolController | None = None
 
 
 @dataclass
@@ -177,15 +173,6 @@ def _in_stream(model: StaticModel, found: Equilibrium, on_step: OnStep | None) -
         at = error.state if isinstance(error.state, Point) else found.point
         raise type(error)(error.reason, replace(found, point=at)) from None
     return replace(found, point=last.point, steps=found.steps + last.steps)
-
-
-def one_blas_thread() -> AbstractContextManager[object]:
-    """BLAS on one thread: the two halves of a factorization already use the threads."""
-    global _controller
-    addresses()  # loads the library: a controller knows only those that are there
-    _controller = _controller or ThreadpoolController()
-    limit: AbstractContextManager[object] = _controller.limit(limits=1, user_api="blas")
-    return limit
 
 
 def _solve(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equilibrium:

@@ -16,6 +16,7 @@ import numpy as np
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.errors import PAIR, SolveError
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
@@ -29,7 +30,7 @@ from magmpm.statics.changes import (
 )
 from magmpm.statics.definite import NEUTRAL
 from magmpm.statics.energy import Energy, Point
-from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
+from magmpm.statics.equilibrium import Equilibrium
 from magmpm.statics.newton import refined
 from magmpm.statics.surface_pairs import pair_name
 

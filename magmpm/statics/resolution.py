@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from magmpm.bodies.polar_grid import PolarGrid
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.errors import SceneError, SolveError, TimeOver, quantity
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells, knots_of
 from magmpm.statics import error_estimate as law
-from magmpm.statics.equilibrium import one_blas_thread
 from magmpm.statics.error_estimate import PROOF, caution, observed_order
 from magmpm.statics.grids import Grids
 from magmpm.statics.newton import OnStep

@@ -14,6 +14,7 @@ from typing import Any
 import numba
 import numpy as np
 
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.acting import Effects
 from magmpm.effects.base import BodyEffect, Effect
@@ -24,7 +25,7 @@ from magmpm.rod.cantilever import without_motion
 from magmpm.scene import Scene
 from magmpm.solving.precompile import prepare_kernels
 from magmpm.statics.energy import Energy
-from magmpm.statics.equilibrium import one_blas_thread, solve_static
+from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 from magmpm.statics.rod_start import straight
 

@@ -28,10 +28,11 @@ import numpy as np
 from machine import ROOT, median_seconds
 
 from magmpm import Scene, load_scene, run, sensitivities
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.model import build
 from magmpm.runs import error as grid_error
 from magmpm.solving.precompile import prepare_kernels
-from magmpm.statics.equilibrium import one_blas_thread, solve_static
+from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 from magmpm.statics.resolution import first_cells
 from magmpm.statics.stability import stability

@@ -39,7 +39,7 @@ def extras() -> dict[str, set[str]]:
     return found
 
 
-def test_a_plain_installation_names_seven_packages() -> None:
+def test_a_plain_installation_names_six_packages() -> None:
     """Numba and what equilibria need; all else is an extra."""
     told = configparser.ConfigParser()
     told.read(ROOT / "setup.cfg", encoding="utf-8")
@@ -51,7 +51,6 @@ def test_a_plain_installation_names_seven_packages() -> None:
         "numpy",
         "pydantic",
         "scipy",
-        "threadpoolctl",
     }
 
 

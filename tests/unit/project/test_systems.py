@@ -13,7 +13,7 @@ OF_UNIX = ("getuid", "geteuid", "statvfs", "sched_getaffinity", "register_at_for
 SCRIPT = """
 import importlib, multiprocessing.connection, os, pathlib, subprocess, sys
 import filelock, h5py, llvmlite.binding, matplotlib.figure, numba, optuna, PIL.Image, pydantic
-import pyvista, scipy.linalg, threadpoolctl, yaml
+import pyvista, scipy.linalg, yaml
 sys.modules.update(dict.fromkeys({unix}))
 for name in {of_unix}:
     delattr(os, name)

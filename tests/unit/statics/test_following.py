@@ -11,6 +11,7 @@ import pytest
 from reference.scenes import rod_scene
 
 from magmpm import load_scene, run
+from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.model import build
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
@@ -19,7 +20,7 @@ from magmpm.solving.solve import RunOptions
 from magmpm.statics import axis
 from magmpm.statics.axis import carried
 from magmpm.statics.energy import Energy
-from magmpm.statics.equilibrium import Following, one_blas_thread, solve_static
+from magmpm.statics.equilibrium import Following, solve_static
 from magmpm.statics.grids import PROOF_SETTLED, SLENDER, approached
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import corrected
@@ -70,13 +71,19 @@ def test_a_wrong_expectation_does_no_harm() -> None:
 def test_blas_has_one_thread_in_a_fresh_process() -> None:
     """SciPy's library too, loaded at the first solve: with a thread a core in each half of a factorization, moves took twice as long."""
     code = (
-        "import sys\nfrom magmpm.statics.equilibrium import one_blas_thread\nfrom threadpoolctl"
-        " import threadpool_info\nwith one_blas_thread():\n    assert 'scipy.linalg.cython_lapack'"
-        " in sys.modules\n    print([one['num_threads'] for one in threadpool_info() if"
-        " one['user_api'] == 'blas'])"
+        "from magmpm.compiled.thread_count import one_blas_thread\n"
+        "from threadpoolctl import threadpool_info, threadpool_limits\n"
+        "def counts():\n"
+        "    return [one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas']\n"
+        "with one_blas_thread():\n"
+        "    pass\n"
+        "with threadpool_limits(2, user_api='blas'):\n"
+        "    with one_blas_thread(), one_blas_thread():\n"
+        "        inside = counts()\n"
+        "    print([inside, counts()])"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert set(json.loads(found.stdout)) == {1}
+    assert [set(counts) for counts in json.loads(found.stdout)] == [{1}, {2}]
 
 
 SCENE = rod_scene(length=24e-3, field=[0.0, 0.0, 5e-3])
