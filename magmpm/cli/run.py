@@ -126,9 +126,12 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
     from magmpm.solving.several_grids import notes_before
     from magmpm.solving.solve import RunOptions
 
+    def say(note: str) -> None:
+        print(f"magmpm: {note}", file=sys.stderr, flush=True)
+
     with of_file(options.scene):
         for note in notes_before(scene):
-            print(f"magmpm: {note}", file=sys.stderr, flush=True)
+            say(note)
     with Progress(f"{scene.name}") as progress, of_file(options.scene), limited(options.time_limit):
 
         def tell(step: int, number: float) -> None:
@@ -149,6 +152,7 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
                 on_progress=tell,
                 on_begin=kept.set_aside,
                 advise=True,
+                on_note=say,
             ),
         )
 

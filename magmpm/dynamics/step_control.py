@@ -76,6 +76,12 @@ class StableStep:
         """Largest stable step, s."""
         return self.largest_beside(self.body, self.viscous)
 
+    @property
+    def least(self) -> str:
+        """Name of the smallest bound, which counts."""
+        counting = {"body": self.body} | self.effects | self.viscous | self._of_schedule
+        return min(counting, key=counting.__getitem__)
+
     def largest_beside(self, body: float, viscous: dict[str, float]) -> float:
         """Largest stable step, s, with other bounds for the body and its viscosity."""
         others = self.effects | viscous | self._of_schedule

@@ -13,10 +13,10 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
-from magmpm.dynamics.step_control import StableStep, StepControl, stable_step
+from magmpm.dynamics.step_control import StableStep, StepControl, speed_of_sound, stable_step
 from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion
 from magmpm.effects import acting
-from magmpm.errors import InputError, SceneError, SolveError
+from magmpm.errors import InputError, SceneError, SolveError, length, quantity
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
 from magmpm.results.file_names import forget_motion
@@ -83,6 +83,30 @@ def begin(model: Model) -> SimulationState:
         )
     control = StepControl(motion, stable, options)
     return SimulationState(motion, stable, control, control.step, options.frame_interval)
+
+
+def steps_in_words(state: SimulationState) -> str:
+    """The steps with which a motion begins, how many of them it takes, and what keeps them from being longer."""
+    model = state.motion.model
+    scene = model.scene
+    spans = np.diff(np.unique([0.0, *_options(scene).frame_times]))
+    steps = [_steps_in(span, state.dt) for span in spans]
+    least = state.stable.least
+    why = f"`{least}` allows no longer ones"
+    if _options(scene).time_step is not None:
+        why = "as `time_step` says"
+    elif least == "body":
+        fastest = int(np.argmax(speed_of_sound(model) * ~model.held))
+        name = scene.regions()[model.particles.segment[fastest]].material_name
+        why = (
+            f"a pressure wave crosses a cell ({length(scene.cell)}) of {name} (shear modulus"
+            f" {quantity(model.shear[fastest], 'Pa')}) in {quantity(state.stable.wave, 's')};"
+            " larger cells, or less stiff or heavier material, take longer steps"
+        )
+    return (
+        f"time steps of {quantity(spans[0] / steps[0], 's')}, {sum(steps)} for"
+        f" {quantity(scene.duration, 's')} of motion: {why}"
+    )
 
 
 def _within_memory(motion: TotalMotion, options: Dynamic) -> None:
@@ -257,6 +281,11 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     state.energies = known.get("energies", state.energies)
 
 
+def _steps_in(seconds: float, longest: float) -> int:
+    """Number of equal steps, no longer than the longest, in a time between frames."""
+    return max(1, math.ceil(seconds / longest * (1 - 1e-12)))
+
+
 def interval(
     state: SimulationState, until: float, on_progress: Progress | None = None
 ) -> Kinematics:
@@ -275,7 +304,7 @@ def interval(
     while state.time < until:
         start = state.time
         done = 0
-        count = max(1, math.ceil((until - start) / control.step * (1 - 1e-12)))
+        count = _steps_in(until - start, control.step)
         dt = (until - start) / count
         while done < count:
             first = done

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.effects.acting import instant_modulus
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import (
     InputError,
@@ -17,9 +16,7 @@ from magmpm.errors import (
     SolveError,
     length,
     quantity,
-    significant,
 )
-from magmpm.materials import pressure_wave_speed
 from magmpm.results.measures import Frames, frames_of, near_jumps
 from magmpm.results.result import Result
 from magmpm.results.strain import LARGE_STRETCH, REMEDY
@@ -442,52 +439,12 @@ def overloaded(scene: Scene) -> list[str]:
 
 
 def notes_before(scene: Scene) -> list[str]:
-    """Lines for the user before a run starts: wrong units, a tube that will kink, the cost of a requested error or a motion's time step."""
+    """Lines for the user before a run starts: wrong units, a tube that will kink, the cost of a requested error."""
     too_much = overloaded(scene)
     kink = None if too_much else kink_warning(scene)
-    cost = cost_in_words(scene) if scene.resolution.requested else steps_in_words(scene)
+    cost = cost_in_words(scene) if scene.resolution.requested else ""
     warned = [f"warning: {one}" for one in (*too_much, kink) if one]
     return [*warned, *([cost] if cost else [])]
-
-
-def steps_in_words(scene: Scene) -> str:
-    """The time step of a motion, and how many of them it takes, by the stiffest material; "" for what is at rest."""
-    options = scene.solver.dynamic
-    if options is None:
-        return ""
-    name, crossing = shortest_crossing(scene)
-    step = expected_step(scene)
-    modulus = quantity(scene.materials[name].shear_modulus, "Pa")
-    return (
-        f"time steps of about {quantity(step, 's', 2)}, some"
-        f" {significant(options.duration / step, 2)} for {quantity(options.duration, 's')} of"
-        f" motion: a pressure wave crosses a cell ({length(scene.cell)}) of {name} (shear modulus"
-        f" {modulus}) in {quantity(crossing, 's')}; larger cells, or less stiff or heavier"
-        " material, take longer steps"
-    )
-
-
-def expected_step(scene: Scene) -> float:
-    """The time step (s) of a motion, as far as its stiffest material decides it."""
-    # largest stable step of a body, over the time that a pressure wave takes through a cell: 0.72 to
-    # 0.99 in bodies tried
-    body_step = 0.85
-    options = scene.solver.dynamic
-    assert options is not None
-    step = options.safety * body_step * shortest_crossing(scene)[1]
-    return step if options.time_step is None else min(step, options.time_step)
-
-
-def shortest_crossing(scene: Scene) -> tuple[str, float]:
-    """The material through whose cells pressure waves run the fastest, its viscosity not relaxed, and the time that it takes them, s."""
-    crossing = {}
-    for name in dict.fromkeys(region.material_name for region in scene.regions()):
-        material = scene.materials[name]
-        assert material.density is not None  # a motion needs it: scene.rules
-        shear = material.shear_modulus + instant_modulus(scene)
-        bulk = material.bulk_to_shear * material.shear_modulus
-        crossing[name] = scene.cell / pressure_wave_speed(shear, bulk, material.density)
-    return min(crossing.items(), key=lambda one: one[1])
 
 
 def cost_in_words(scene: Scene) -> str:

@@ -51,7 +51,7 @@ class RunOptions:
     """Settings of a run beyond what its scene says; start, folder, resume, on_progress, on_begin: as of simulate.run.
 
     on_frame: called with each frame of what is solved along time, whether it is written or not. advise: warn of loads that equilibria lack
-    (statics.unnamed_loads); of single ones of bodies that are no cantilevers always.
+    (statics.unnamed_loads); of single ones of bodies that are no cantilevers always. on_note: is told the steps of a motion, in words.
     """
 
     start: Result | RodShape | Following | None = None
@@ -61,6 +61,7 @@ class RunOptions:
     on_begin: Callable[[], None] | None = None
     on_frame: OnFrame | None = None
     advise: bool = False
+    on_note: Callable[[str], None] | None = None
 
 
 AS_IT_IS = RunOptions()
@@ -209,6 +210,8 @@ def _motion(scene: Scene, options: RunOptions) -> Result:
         model = build(scene)  # refuses what can't begin, before its kernels are compiled
         compiled = prepare_kernels(scene)
         moved = dynamics.begin(model)
+    if options.on_note is not None:
+        options.on_note(dynamics.steps_in_words(moved))
     ready = time.perf_counter()
     seconds = {"setup": ready - begun - compiled, "compile": compiled, "solve": 0.0}
 

@@ -5,13 +5,13 @@ import pytest
 import yaml
 
 import magmpm
-from magmpm.dynamics import time_loop
+from magmpm.errors import quantity
 from magmpm.fields.dipole import MU0
 from magmpm.inputs.settings import validate
 from magmpm.materials import young_modulus
-from magmpm.model import build
 from magmpm.scene import Scene
-from magmpm.solving.several_grids import notes_before
+from magmpm.simulate import simulated
+from magmpm.solving.solve import RunOptions
 
 LENGTH = 0.1
 DIAMETER = 1e-3
@@ -137,15 +137,25 @@ def moving(modulus: str, duration: float) -> Scene:
     )
 
 
-def test_before_a_motion_it_says_what_the_stiff_material_costs() -> None:
-    """The time step in words, and that it is the metal's; within 40 % of the one that is then taken, as it is told without the body."""
-    scene = scene_of("18.8 GPa", effects={"gravity": {}}, solver={"dynamic": {"duration": "20 ms"}})
-    (note,) = notes_before(scene)
-    assert "of metal (shear modulus 18.8 GPa)" in note
-    told = float(note.split("time steps of about ")[1].split(" ns")[0]) * 1e-9
-    taken = time_loop.begin(build(scene)).dt
-    assert taken / 1.4 < told < 1.4 * taken
-    assert notes_before(scene_of("18.8 GPa", effects={"gravity": {}})) == []
+def test_a_motion_says_its_steps_and_what_bounds_them() -> None:
+    """Those that it then takes; the metal's stiffness, or what else allows no longer ones."""
+    moves = {"duration": "2 us", "output_every": "0.9 us"}
+    begun = {
+        "of metal (shear modulus 18.8 GPa)": {},
+        "`viscosity` allows": {"effects": {"gravity": {}, "viscosity": {"viscosity": "1 MPa s"}}},
+        "as `time_step` says": {"solver": {"dynamic": {**moves, "time_step": "10 ns"}}},
+    }
+    for said, other in begun.items():
+        usual = {"effects": {"gravity": {}}, "solver": {"dynamic": moves}}
+        notes: list[str] = []
+        result = simulated(
+            scene_of("18.8 GPa", **(usual | other)), RunOptions(on_note=notes.append)
+        )
+        (note,) = notes
+        assert note.startswith("time steps of ")
+        assert f", {result.iterations} for 2.00 µs of motion: " in note
+        assert said in note
+    assert f"time steps of {quantity(result.time_step, 's')}, " in note
 
 
 def test_what_no_material_has_is_refused() -> None:
