@@ -57,7 +57,7 @@ def command(options: argparse.Namespace) -> int:
 
     from magmpm.studies.dashboard.goal_notes import GoalNotes
     from magmpm.studies.dashboard.page import guarded, page
-    from magmpm.studies.dashboard.view import DashboardView, Notes
+    from magmpm.studies.dashboard.view import FeasibleFirst, Notes
     from magmpm.studies.engine.records import artifact_store
     from magmpm.studies.engine.storage import must_exist, open_storage
     from magmpm.studies.engine.storage_url import shown_url
@@ -68,7 +68,7 @@ def command(options: argparse.Namespace) -> int:
     saved = saved_report(folder) if goal is None else goal
     url = _url(saved["storage"], options.storage)
     must_exist(url, folder)
-    storage = open_storage(url)
+    storage = open_storage(url, kind=FeasibleFirst)
     artifacts = artifact_store(saved.get("artifacts"), folder)
     try:
         study = optuna.load_study(study_name=saved["name"], storage=storage)
@@ -83,7 +83,7 @@ def command(options: argparse.Namespace) -> int:
     guard = Guard()
     start = f"/dashboard/studies/{study_id(study)}"
     app = guarded(
-        page(wsgi(DashboardView(storage), artifact_store=artifacts), options.write),
+        page(wsgi(storage, artifact_store=artifacts), options.write),
         guard,
         start,
         options.write,

@@ -21,14 +21,11 @@ class GoalNotes(Notes):
 
     def _of_study(self, pictures: Mapping[str, str]) -> str:
         report = self._report()
-        goals = ", ".join(f"`{plain(goal)}`" for goal in report.get("goals", ()))
+        goals = ", ".join(f"`{plain(_unitless(goal))}`" for goal in report.get("goals", ()))
         limits = [_limit(limit) for limit in report.get("limits", ())]
         lines = [
             f"{MARK}{plain(self.study.study_name)}",
-            (
-                f"Goals: {goals or 'not known yet'}; sampler `{plain(report.get('sampler', '?'))}`."
-                " Values are in these units in the database, and in mm, mT, mN and degrees here."
-            ),
+            f"Goals: {goals or 'not known yet'}; sampler `{plain(report.get('sampler', '?'))}`.",
             *(["Subject to: " + "; ".join(limits) + "."] if limits else []),
             f"Study file: `{plain(self._file)}`",
             "Goes on, or is done again in another folder, by",
@@ -52,8 +49,8 @@ class GoalNotes(Notes):
             lines.append(plain(beyond if attributes.get("skipped") else "ended before its time"))
         else:
             lines += [
-                plain(f"{_unitless(goal)}: {in_words(goal, value)}")
-                for goal, value in zip(report.get("goals", ()), trial.values, strict=False)
+                plain(f"{name}: {value:.4g}")
+                for name, value in zip(self.study.metric_names or (), trial.values, strict=False)
             ]
             for limit in report.get("limits", ()):
                 value = attributes.get("measures", {}).get(limit["at"])

@@ -1,188 +1,41 @@
-"""A study as optuna-dashboard shows it: distances in mm, designs that failed or were refused as such, notes, and the study's own pictures.
-
-The storage stays in SI and as it is. The dashboard gets a view of it: values in mm and mT; a trial that counts as the penalty, because it
-was not solved, as failed; a trial that `stability` refuses as infeasible: dashboard 0.21 reads an attribute that Optuna 5 does not write.
-"""
+"""What optuna-dashboard shows of a study beside its numbers: notes, and the study's own pictures; and which trial it calls the best."""
 
 from __future__ import annotations
 
-import copy
 import json
 import shlex
 import threading
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from optuna.storages import BaseStorage
+from optuna.storages import RDBStorage
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
-from magmpm.errors import shown_unit
 from magmpm.studies.engine.report import feasible, refused
 from magmpm.studies.problem import REPORT
-from magmpm.studies.search.objectives import NAMES
 from magmpm.studies.search.samplers.optuna_ids import storage_of, study_id, trial_id
 
 if TYPE_CHECKING:
     import optuna
     from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
 
-# by the name in SI: the name that is shown, and the factor
-SHOWN = {
-    NAMES["rms"]: ("rms (mm)", 1e3),
-    NAMES["largest_field"]: ("largest field (mT)", 1e3),
-    NAMES["magnetized_volume"]: ("magnetized volume (mm³)", 1e9),
-}
-METRICS = "study:metric_names"  # Optuna's attribute
-CONSTRAINTS = "constraints"  # the attribute that the dashboard reads
 
-
-def shown(name: str) -> tuple[str, float]:
-    """Find how a value is shown.
-
-    Parameters
-    ----------
-    name : str
-        Of the value, with its SI unit.
-
-    Returns
-    -------
-    label : str
-        What is shown.
-    factor : float
-        From the SI value.
-    """
-    return SHOWN[name] if name in SHOWN else shown_unit(name)
-
-
-def _may_be_best(trial: FrozenTrial) -> bool:
-    """True if a shape's trial is feasible, or a goal's trial keeps its constraints."""
-    if "feasible" in trial.user_attrs:
-        return feasible(trial)
-    return all(beyond <= 0.0 for beyond in trial.constraints.values())
-
-
-def _passed_on(name: str) -> Callable[..., Any]:
-    def call(self: Any, *arguments: Any, **options: Any) -> Any:
-        return getattr(self.storage, name)(*arguments, **options)
-
-    return call
-
-
-_Passing: Any = type(
-    "_Passing", (BaseStorage,), {name: _passed_on(name) for name in BaseStorage.__abstractmethods__}
-)
-
-
-class DashboardView(_Passing):  # type: ignore[misc]
-    """A storage as the dashboard shall see it; what it does not change it passes on.
-
-    Parameters
-    ----------
-    storage : BaseStorage
-        The storage.
-    """
-
-    def __init__(self, storage: BaseStorage) -> None:
-        self.storage = storage
-        self._factors: dict[int, list[float]] = {}
-        self._of_trial: dict[int, list[float]] = {}
-
-    def factors(self, study_id: int) -> list[float]:
-        """Find the factors by which the values of a study are multiplied.
-
-        Parameters
-        ----------
-        study_id : int
-            Number of the study in the storage.
-
-        Returns
-        -------
-        list of float
-            A factor for each value.
-        """
-        if study_id not in self._factors:
-            names = self.storage.get_study_system_attrs(study_id).get(METRICS) or []
-            count = len(self.storage.get_study_directions(study_id))
-            self._factors[study_id] = [shown(name)[1] for name in names] or [1.0] * count
-        return self._factors[study_id]
-
-    def get_all_trials(
-        self, study_id: int, deepcopy: bool = True, states: Container[TrialState] | None = None
-    ) -> list[FrozenTrial]:
-        """Trials of a study, as they are shown."""
-        shown = [
-            self._shown(trial, study_id)
-            for trial in self.storage.get_all_trials(study_id, deepcopy=False)
-        ]
-        return [trial for trial in shown if states is None or trial.state in states]
+class FeasibleFirst(RDBStorage):
+    """A database whose best trial keeps its constraints, where one does: dashboard 0.21 asks the storage, which knows no constraints."""
 
     def get_best_trial(self, study_id: int) -> FrozenTrial:
-        """The best of the feasible trials; where none is feasible, of all: the dashboard requests one."""
-        done = self.get_all_trials(study_id, states=(TrialState.COMPLETE,))
-        if not done:
-            raise ValueError("no trial of this study was solved")
-        largest = self.storage.get_study_directions(study_id)[0] == StudyDirection.MAXIMIZE
+        """Find the best of the feasible trials; where none is feasible, of all."""
+        trials = self.get_all_trials(study_id, deepcopy=False, states=(TrialState.COMPLETE,))
+        if not trials:
+            raise ValueError("no trial of this study is complete")
+        kept = [trial for trial in trials if all(one <= 0.0 for one in trial.constraints.values())]
+        largest = self.get_study_directions(study_id)[0] == StudyDirection.MAXIMIZE
         best = max if largest else min
-        return best([t for t in done if _may_be_best(t)] or done, key=lambda t: t.values[0])
-
-    def set_trial_state_values(
-        self, trial_id: int, state: TrialState, values: Sequence[float] | None = None
-    ) -> bool:
-        """Store the state and values that the dashboard sends, back in SI."""
-        factors = self._of_trial.get(trial_id)
-        in_si = (
-            None
-            if values is None
-            else [
-                value / factor
-                for value, factor in zip(values, factors or [1.0] * len(values), strict=True)
-            ]
-        )
-        return bool(self.storage.set_trial_state_values(trial_id, state, in_si))
-
-    def get_study_system_attrs(self, study_id: int) -> dict[str, Any]:
-        """Attributes of a study, with the names of its values as they are shown."""
-        return _renamed(self.storage.get_study_system_attrs(study_id))
-
-    def get_all_studies(self) -> list[Any]:
-        """All studies."""
-        found = []
-        for study in self.storage.get_all_studies():
-            one = copy.copy(study)
-            one.system_attrs = _renamed(study.system_attrs)
-            found.append(one)
-        return found
-
-    def _shown(self, trial: FrozenTrial, study_id: int) -> FrozenTrial:
-        self._of_trial[trial_id(trial)] = factors = self.factors(study_id)
-        found = copy.copy(trial)
-        found.user_attrs = dict(trial.user_attrs)
-        found.system_attrs = dict(trial.system_attrs)
-        if trial.state != TrialState.COMPLETE:
-            return found
-        found.values = [value * factor for value, factor in zip(trial.values, factors, strict=True)]
-        if not feasible(trial) and "feasible" in trial.user_attrs:
-            if refused(trial):
-                beyond = max([0.0, *trial.constraints.values()])
-                found.system_attrs[CONSTRAINTS] = [beyond or 1.0]
-            else:
-                found.state = TrialState.FAIL
-                found.values = None
-        elif trial.constraints:
-            found.system_attrs[CONSTRAINTS] = list(trial.constraints.values())
-        return found
-
-
-def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    names = attributes.get(METRICS)
-    return {
-        **attributes,
-        **({METRICS: [shown(name)[0] for name in names]} if names else {}),
-    }
+        return best(kept or trials, key=lambda trial: trial.values[0])
 
 
 class Notes:
@@ -289,8 +142,8 @@ class Notes:
             (
                 f"Searches {plain(vary)} with the sampler"
                 f" `{plain(definition.get('sampler', '?'))}`, seed {definition.get('seed', '?')}."
-                " The value of a trial is its rms distance from the target, in mm here and in m in"
-                " the database."
+                " A trial that was not solved has the length of the body as its distance from the"
+                " target, and is infeasible."
             ),
             f"Study file: `{plain(self._file)}`",
             *([f"{plain(report['why'])}."] if "why" in report else []),

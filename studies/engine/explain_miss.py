@@ -25,7 +25,13 @@ from magmpm.studies.engine.report import best_trial
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_designs import rod_designs
 from magmpm.studies.search.parameters import Block, FieldVector, SegmentDirection, VariedNumber
-from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, RADIUS, model_of, start_of
+from magmpm.studies.search.samplers.gauss_newton import (
+    LEAST_GAIN,
+    RADIUS,
+    model_of,
+    start_of,
+    value_of,
+)
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -60,8 +66,7 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
     )  # near enough to need no explanation
     if (
         best is None
-        or best.value is None
-        or best.value <= good
+        or value_of(best) <= good
         or "jacobian" not in best.user_attrs
         or study.depths
         or study.keyframes
@@ -277,8 +282,8 @@ def _other_starts(trials: Sequence[FrozenTrial], best: FrozenTrial) -> list[Find
     ends: dict[int, float] = {}
     for trial in trials:
         start = start_of(trial)
-        if trial.user_attrs.get("feasible") and trial.value is not None:
-            ends[start] = min(ends.get(start, np.inf), trial.value)
+        if trial.user_attrs.get("feasible"):
+            ends[start] = min(ends.get(start, np.inf), value_of(trial))
     ends.pop(start_of(best), None)
     if not ends:
         says = "no other start was tried: more trials would begin elsewhere"

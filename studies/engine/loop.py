@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import statistics
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -53,7 +52,7 @@ from magmpm.studies.evaluate.trial import (
     Outcome,
     Solve,
     Trial,
-    constraints,
+    beyond,
     needs_derivatives,
     silent,
 )
@@ -63,7 +62,7 @@ from magmpm.studies.search.definition import Study
 from magmpm.studies.search.objectives import trial_values
 from magmpm.studies.search.samplers import choice
 from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
-from magmpm.studies.search.samplers.optuna_ids import trial_id
+from magmpm.studies.search.samplers.optuna_ids import SI, set_constraints, trial_id, value_of
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.search.well_posed import check_search
 
@@ -346,7 +345,7 @@ class _Run(StudySession):
         finished = self.finished()
         best = report.nearest_first(finished)
         self.count = len(finished)
-        self.best = best[0].values[0] if best else None
+        self.best = value_of(best[0]) if best else None
 
     def sampler(self) -> BaseSampler:
         """Sampler that chooses the trials."""
@@ -623,12 +622,8 @@ class _Run(StudySession):
         try:
             for key, value in outcome.known.items():
                 pending.set_user_attr(key, value)
-            with warnings.catch_warnings():
-                warnings.simplefilter(
-                    "ignore"
-                )  # "already set": by the process that was killed in this trial
-                for key, value in constraints(outcome, self.study.margin).items():
-                    pending.set_constraint(key, value)
+            if self.factors or self.study.margin is not None:
+                set_constraints(pending, [beyond(outcome, self.study.margin)])
             # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
             total = time.perf_counter() - begun
             pending.set_user_attr(
@@ -637,6 +632,9 @@ class _Run(StudySession):
             values = trial_values(
                 self.study.minimize, self.space, pending.params, outcome.value, not outcome.accepted
             )
+            if self.factors:
+                pending.set_user_attr(SI, values)
+                values = [value * one for value, one in zip(values, self.factors, strict=True)]
             kept.tell(pending, values)
         except (UpdateFinishedTrialError, ValueError):
             state = self.storage.get_trial(trial_id(pending)).state

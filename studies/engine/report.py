@@ -14,6 +14,7 @@ from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
 from magmpm.studies.problem import REPORT, STABILITY_AT_BRINK
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
+from magmpm.studies.search.samplers.optuna_ids import value_of
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
@@ -362,7 +363,7 @@ def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
 
 
 def _rms(trial: FrozenTrial) -> float:
-    return float(trial.values[0])  # of two objectives the first
+    return value_of(trial)
 
 
 def verified(

@@ -31,7 +31,7 @@ from magmpm.studies.engine.storage_url import (
 )
 from magmpm.studies.problem import OWNER, REPORT
 from magmpm.studies.search.definition import Study, differences
-from magmpm.studies.search.objectives import NAMES
+from magmpm.studies.search.objectives import SHOWN
 
 if TYPE_CHECKING:
     import optuna
@@ -290,7 +290,9 @@ def _rescued(folder: Path) -> str:
     )
 
 
-def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStorage:
+def open_storage(
+    url: str, timeout: float = TIMEOUT, kind: type[optuna.storages.RDBStorage] | None = None
+) -> optuna.storages.BaseStorage:
     """Open the database as Optuna uses it; it is made if missing.
 
     Parameters
@@ -299,6 +301,8 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         Of the storage.
     timeout : float, s, optional
         How long a locked SQLite file is waited for.
+    kind : type, optional
+        Class of a database's storage, in place of Optuna's own.
 
     Returns
     -------
@@ -342,7 +346,7 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         _prepare_sqlite(Path(str(parts.database)), timeout, url)
     with storage_faults(url, timeout):
         try:
-            backend = _made(url, options)
+            backend = _made(kind or optuna.storages.RDBStorage, url, options)
         except RuntimeError as error:  # made by another version of Optuna
             raise InputError(shown_url(url), rule=str(error), remedy="use another --out") from None
         if sqlite:
@@ -350,19 +354,20 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         return optuna.storages.get_storage(backend)
 
 
-def _made(url: str, options: Mapping[str, Any]) -> optuna.storages.RDBStorage:
+def _made(
+    kind: type[optuna.storages.RDBStorage], url: str, options: Mapping[str, Any]
+) -> optuna.storages.RDBStorage:
     """The database with its tables. Sessions that begin together may make them at the same moment: all but one of them try again."""
-    import optuna
     from sqlalchemy.exc import IntegrityError, ProgrammingError
 
     for _ in range(5):
         try:
-            return optuna.storages.RDBStorage(url, engine_kwargs=dict(options))
+            return kind(url, engine_kwargs=dict(options))
         except (IntegrityError, ProgrammingError):
             if not is_server(url):
                 raise
             time.sleep(0.5)
-    return optuna.storages.RDBStorage(url, engine_kwargs=dict(options))
+    return kind(url, engine_kwargs=dict(options))
 
 
 def _open_grpc(url: str) -> optuna.storages.BaseStorage:
@@ -506,7 +511,7 @@ def open_study(
                 warnings.simplefilter(
                     "ignore"
                 )  # "experimental": the name of the axis in the dashboard
-                kept.set_metric_names([NAMES[name] for name in study.minimize])
+                kept.set_metric_names([SHOWN[name][0] for name in study.minimize])
             # last: a kill before it leaves a study that the next session begins again
             kept.set_user_attr("definition", dict(definition))
         elif changed := differences(known, definition):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,9 @@ from magmpm.studies.evaluate.trajectory import MOVIE, InsertionTrajectory
 from magmpm.studies.evaluate.trial import Note, silent
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import write_best_scene
-from magmpm.studies.search.objectives import pareto_report
+from magmpm.studies.search.objectives import NAMES, SHOWN, pareto_report, told_factors
 from magmpm.studies.search.samplers.choice import whole_definition
+from magmpm.studies.search.samplers.optuna_ids import value_of
 
 VERIFIED = "verified"  # attribute of a study: its best designs on finer grids
 STARTS = "starts"  # attribute of a study: the rod's designs
@@ -109,6 +111,8 @@ class StudySession:
         if on_open is not None:
             on_open(self.study)
         self.kept = self._opened(self.storage, store.url)
+        shown = [SHOWN[name] for name in self.study.minimize]
+        self.factors = store(lambda: told_factors(self.kept, shown))
         file = sqlite_file(store.url)
         self.memory = None if file is None else Memory(self.kept, store, file, self.distributions)
 
@@ -149,6 +153,10 @@ class StudySession:
 
         def make(store: Store) -> optuna.Study:
             kept = self._opened(store.open(), store.url)
+            if self.factors is None:  # as the trials were told
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # experimental
+                    kept.set_metric_names([NAMES[name] for name in self.study.minimize])
             for key, value in attributes.items():
                 kept.set_user_attr(key, value)
             return kept
@@ -273,7 +281,7 @@ class StudySession:
         chosen = report.best_trial(trials)
         stop = self.study.stop_rms
         first = next(
-            (t for t in trials if stop is not None and report.feasible(t) and t.values[0] <= stop),
+            (t for t in trials if stop is not None and report.feasible(t) and value_of(t) <= stop),
             None,
         )
         best = None if chosen is None else report.describe(chosen)
@@ -295,8 +303,8 @@ class StudySession:
             first_trial_below_stop=None if first is None else first.number,
             seconds_per_trial=report.seconds_per_trial(trials),
             ended=ended,
-            rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
-            measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
+            rms_m=[t.user_attrs.get("rms_m", value_of(t)) for t in trials],
+            measure_m=[value_of(t) for t in trials] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
             reasons=[
                 t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)
@@ -363,14 +371,14 @@ def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
             "--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy
         )
     outcome = evaluator.outcome(number, trial.params)
-    stored = trial.user_attrs.get("rms_m", trial.values[0])
+    stored = trial.user_attrs.get("rms_m", value_of(trial))
     now = outcome.rms
     return {
         "number": number,
         "params": dict(trial.params),
         "rms_m": now,
         "stored_rms_m": stored,
-        "same": bool(stored == now and trial.values[0] == outcome.value),
+        "same": bool(stored == now and value_of(trial) == outcome.value),
         "reason": outcome.reason,
         "versions": trial.user_attrs.get("versions", {}),
         "versions_now": outcome.known["versions"],

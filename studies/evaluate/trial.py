@@ -693,8 +693,8 @@ def _near(start: RodShape | None) -> dict[str, RodShape]:
     return {} if start is None else {"start": start}
 
 
-def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
-    """Find Optuna's constraints of a trial, satisfied at 0 and below; the same ones for every trial of a study, however it ended.
+def beyond(outcome: Outcome, margin: float | None) -> float:
+    """Find by how much a trial breaks what its study demands: to be solved, and to be stable.
 
     Parameters
     ----------
@@ -705,12 +705,12 @@ def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
 
     Returns
     -------
-    dict[str, float]
-        Constraints by name.
+    float
+        At most 0 where it keeps it; 1 where it was not solved.
     """
     if margin is None:
-        return {}
-    return {"stability": 1.0 if outcome.stability is None else margin - outcome.stability}
+        return float(outcome.result is None)
+    return 1.0 if outcome.stability is None else margin - outcome.stability
 
 
 def attributes(outcome: Outcome, scene: Scene, directions: Array, uniform: Array) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from magmpm.errors import InputError, in_words
+from magmpm.errors import InputError, in_words, shown_unit
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, read_yaml
@@ -115,6 +115,11 @@ class GoalStudy:
             unit = self.file.goals[0].measure.unit
             return ["target missed by" + (f" ({unit})" if unit else "")]
         return [f"{goal.key} {goal.measure.label}" for goal in self.file.goals]
+
+    @property
+    def shown(self) -> list[tuple[str, float]]:
+        """Each value of a trial as it is shown and told, and the factor from SI."""
+        return [shown_unit(name.partition(" ")[2]) for name in self.names]
 
     @property
     def limits(self) -> list[dict[str, Any]]:

@@ -6,10 +6,11 @@ import math
 import shutil
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,8 +33,10 @@ from magmpm.studies.goals.goal_study import GoalStudy
 from magmpm.studies.goals.report import REPORT, GoalReport
 from magmpm.studies.goals.slopes import Derived, Near, shares, stencil, values_and_slopes
 from magmpm.studies.search.knobs import distributions, made
+from magmpm.studies.search.objectives import told_factors
 from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
+from magmpm.studies.search.samplers.optuna_ids import set_constraints
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -121,7 +124,7 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
     if before is None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
-            known.set_metric_names([name.partition(" ")[2] for name in study.names])
+            known.set_metric_names([label for label, _ in study.shown])
         begun: dict[str, Any] = {}
         for knob in study.knobs:
             begun |= knob.begun(study.scene)
@@ -330,7 +333,7 @@ class _Seeking:
         try:
             scene = made(self.study.scene, self.study.knobs, trial.params)
         except InputError as error:
-            self._told(trial, {WHY: evaluate.reason(error)})
+            self._ended_early(trial, {WHY: evaluate.reason(error)})
             return None
         functions = self.study.path.parent
         job = evaluate.Job(
@@ -372,7 +375,9 @@ class _Seeking:
                     return
                 answer = Answer(scene, None, motion)
                 value = evaluate.measured(job.measures[key], answer, key, job.functions)
-                trial.report(value if target is None else abs(value - target), part)
+                trial.report(
+                    self._told([value if target is None else abs(value - target)])[0], part
+                )
                 if trial.should_prune():
                     raise _Hopeless
 
@@ -384,10 +389,8 @@ class _Seeking:
             values, beyond = self.study.values(outcome["values"])
             trial.set_user_attr("measures", outcome["values"])
             trial.set_user_attr(CONSTRAINTS, beyond)
-            for name, of in self.study.bounded.items():
-                for k, one in enumerate(evaluate.beyond(outcome["values"][name], of)):
-                    trial.set_constraint(f"{name} {k}", one)
-            self.known.tell(trial, values)
+            set_constraints(trial, beyond)
+            self.known.tell(trial, self._told(values))
             best = self._best()
             if best is not None and best.number == trial.number:
                 kept = self.out / "best"
@@ -397,18 +400,27 @@ class _Seeking:
                     named = {**job.scene, "name": f"{job.scene['name']}, {self.study.name}"[:100]}
                     Scene.from_si(named).save(self.out / "best.yaml")
         else:
-            self._told(trial, outcome)
+            self._ended_early(trial, outcome)
         evaluate.forget(job.folder)
         if time.perf_counter() - self.written > 5.0:  # for the dashboard
             write_json(self.out / REPORT, self._report("running").summary(), indent=1)
             self.written = time.perf_counter()
         self._note(self._line(trial.number, outcome))
 
-    def _told(self, trial: Trial, outcome: dict[str, Any]) -> None:
+    def _told(self, values: Sequence[float]) -> list[float]:
+        """Values as trials of this study are told."""
+        factors = told_factors(self.known, self.study.shown) or [1.0] * len(values)
+        return [value * factor for value, factor in zip(values, factors, strict=True)]
+
+    def _values(self, trial: FrozenTrial) -> list[float]:
+        """Values of a complete trial in SI."""
+        return self.study.values(trial.user_attrs["measures"])[0]
+
+    def _ended_early(self, trial: Trial, outcome: dict[str, Any]) -> None:
         """Store that a trial failed, and why, or was pruned."""
-        for name, value in outcome.get("beyond", {}).items():
-            for k, one in enumerate(evaluate.beyond(value, self.study.bounded[name])):
-                trial.set_constraint(f"{name} {k}", one)
+        numbers = outcome.get("beyond", {}).items()
+        beyond = [evaluate.beyond(value, self.study.bounded[name]) for name, value in numbers]
+        set_constraints(trial, list(chain.from_iterable(beyond)))
         if WHY not in outcome:
             trial.set_user_attr(SKIPPED, "beyond" in outcome)
             self.known.tell(trial, state=TrialState.PRUNED)
@@ -463,7 +475,7 @@ class _Seeking:
     def _shown(self, trial: FrozenTrial) -> dict[str, Any]:
         return {
             "number": trial.number,
-            "values": list(trial.values),
+            "values": self._values(trial),
             "measures": trial.user_attrs["measures"],
             "params": dict(trial.params),
             "feasible": _keeps(trial),
@@ -482,7 +494,7 @@ class _Seeking:
             name=self.study.name,
             goals=self.study.names,
             trials=len(finished),
-            values=[list(t.values) if t.state.name == "COMPLETE" else None for t in finished],
+            values=[self._values(t) if t.state.name == "COMPLETE" else None for t in finished],
             feasible=[t.state.name == "COMPLETE" and _keeps(t) for t in finished],
             ends=[_end(t) for t in finished],
             best=None if best is None else self._shown(best),

@@ -12,10 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
+from magmpm.errors import shown_unit
 from magmpm.studies.search.parameters import FieldVector, Parameters
+from magmpm.studies.search.samplers.optuna_ids import si_values
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
+    import optuna
     from optuna.trial import FrozenTrial
 
 NAMES = {
@@ -23,6 +26,31 @@ NAMES = {
     "largest_field": "largest_field_T",
     "magnetized_volume": "magnetized_volume_m3",
 }  # with SI units, for reports
+SHOWN = {
+    "rms": shown_unit("rms (m)"),
+    "largest_field": shown_unit("largest field (T)"),
+    "magnetized_volume": shown_unit("magnetized volume (m^3)"),
+}  # as trials are told, with the factor from SI
+
+
+def told_factors(kept: optuna.Study, shown: Sequence[tuple[str, float]]) -> list[float] | None:
+    """Find the factors from SI by which a study's trials are told.
+
+    Parameters
+    ----------
+    kept : optuna.Study
+        The study in its storage.
+    shown : sequence of (str, float)
+        Each of its values as it is shown, and the factor from SI.
+
+    Returns
+    -------
+    list of float or None
+        The factors; None of a study that was begun before 0.1.0, as the names of its values say:
+        it is told in SI.
+    """
+    same = kept.metric_names == [label for label, _ in shown]
+    return [factor for _, factor in shown] if same else None
 
 
 def second(name: str, space: SearchSpace, parameters: Parameters) -> float:
@@ -132,8 +160,8 @@ def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
         By their first value.
     """
     found: list[FrozenTrial] = []
-    for trial in sorted(trials, key=lambda t: (*t.values, t.number)):
-        if not found or trial.values[1] < found[-1].values[1]:
+    for trial in sorted(trials, key=lambda t: (*si_values(t), t.number)):
+        if not found or si_values(trial)[1] < si_values(found[-1])[1]:
             found.append(trial)
     return found
 
@@ -183,11 +211,11 @@ def pareto_report(
     on_it = front([t for t in trials if feasible(t)])
     return {
         "objectives": [NAMES[name] for name in minimize],
-        "values": [list(t.values) if feasible(t) else None for t in trials],
+        "values": [si_values(t) if feasible(t) else None for t in trials],
         "pareto": [
-            {"number": t.number, "values": list(t.values), "params": dict(t.params)} for t in on_it
+            {"number": t.number, "values": si_values(t), "params": dict(t.params)} for t in on_it
         ],
-        "compromise": on_it[compromise([t.values for t in on_it])].number if on_it else None,
+        "compromise": on_it[compromise([si_values(t) for t in on_it])].number if on_it else None,
     }
 
 
@@ -204,14 +232,14 @@ def ranked(trials: Sequence[FrozenTrial]) -> list[int]:
     list of int
         Their places in the sequence, best first.
     """
-    if not trials or len(trials[0].values) == 1:
-        return sorted(range(len(trials)), key=lambda k: (trials[k].values[0], k))
+    if not trials or len(si_values(trials[0])) == 1:
+        return sorted(range(len(trials)), key=lambda k: (si_values(trials[k])[0], k))
     left = dict(enumerate(trials))
     order = []
     while left:
         place = {trial.number: k for k, trial in left.items()}
         layer = [place[trial.number] for trial in front(list(left.values()))]
-        order += _spread(np.array([trials[k].values for k in layer]), layer)
+        order += _spread(np.array([si_values(trials[k]) for k in layer]), layer)
         for k in layer:
             del left[k]
     return order

@@ -27,6 +27,7 @@ from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.definition import differences, load_study
 from magmpm.studies.search.samplers.choice import whole_definition
+from magmpm.studies.search.samplers.optuna_ids import si_values
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.verified_best import (
     SHARE_OF_LENGTH,
@@ -44,16 +45,16 @@ if TYPE_CHECKING:
 
 def best_rows(trials: Sequence[FrozenTrial]) -> list[dict[str, Any]]:
     """The feasible trials nearest to the target: number, value_m, rms_m, tip_error_m, stability, values."""
-    good = sorted((t for t in trials if feasible(t)), key=lambda t: (t.values[0], t.number))[:10]
+    told = [(si_values(t), t.number, t.user_attrs) for t in trials if feasible(t)]
     return [
         {
-            "number": t.number,
-            "value_m": float(t.values[0]),
-            "rms_m": float(t.user_attrs.get("rms_m", t.values[0])),
-            **{key: t.user_attrs.get(key) for key in ("tip_error_m", "stability")},
-            "values": [float(v) for v in t.values],
+            "number": number,
+            "value_m": values[0],
+            "rms_m": float(known.get("rms_m", values[0])),
+            **{key: known.get(key) for key in ("tip_error_m", "stability")},
+            "values": list(values),
         }
-        for t in good
+        for values, number, known in sorted(told, key=lambda one: (one[0][0], one[1]))[:10]
     ]
 
 

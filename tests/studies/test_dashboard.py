@@ -6,6 +6,7 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
+import optuna
 import pytest
 from dashboard_client import Dashboard, dashboard
 from interruptible import draw
@@ -13,6 +14,7 @@ from rod_solve import solve, write_study
 
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.samplers.optuna_ids import set_constraints
 
 pytest.importorskip("optuna_dashboard", reason="an extra: pip install -e '.[dashboard]'")
 
@@ -54,7 +56,7 @@ def test_numbers_are_shown(served: Dashboard) -> None:
     (study,) = served.ask("/api/studies")["study_summaries"]
     detail = served.ask(f"/api/studies/{study['study_id']}?after=0")
     assert detail["objective_names"] == ["rms (mm)"]
-    for trial in detail["trials"]:  # the database stays in SI
+    for trial in detail["trials"]:
         (stored,) = (float(a["value"]) for a in trial["user_attrs"] if a["key"] == "rms_m")
         assert trial["values"][0] == pytest.approx(1e3 * stored, rel=1e-12)
     names = {attribute["key"] for attribute in detail["trials"][0]["user_attrs"]}
@@ -68,6 +70,27 @@ def test_numbers_are_shown(served: Dashboard) -> None:
         "seconds",
     } <= names
     assert len(detail["trials"][0]["params"]) == 10
+
+
+def test_the_best_trial_is_a_feasible_one(tmp_path: Path) -> None:
+    """Where one is, in either direction, whoever asks the storage; of constraints as they are stored now, and were."""
+    from magmpm.studies.dashboard.view import FeasibleFirst
+
+    for direction, best in (("minimize", 2), ("maximize", 1)):
+        storage = FeasibleFirst(f"sqlite:///{tmp_path}/{direction}.db")
+        study = optuna.create_study(storage=storage, direction=direction)
+        with pytest.raises(ValueError, match="complete"):
+            storage.get_best_trial(1)
+        for value, beyond in ((1.0, 0.5), (3.0, 0.0), (2.0, -0.5), (4.0, 0.1)):
+            trial = study.ask()
+            if value < 3.0:
+                set_constraints(trial, [beyond, -1.0])
+            else:
+                trial.set_constraint("as before", beyond)
+            study.tell(trial, value)
+            if beyond == 0.5:
+                assert storage.get_best_trial(1).number == 0
+        assert storage.get_best_trial(1).number == best == study.best_trial.number
 
 
 def test_the_page_tells_what_was_refused(served: Dashboard) -> None:

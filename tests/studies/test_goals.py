@@ -595,7 +595,7 @@ def test_without_a_sampler_it_goes_along_derivatives(tmp_path: Path) -> None:
         if trial.values is not None:
             there = run(made(study.scene, study.knobs, trial.params)).tip
             assert there is not None
-            expected = 0.6 * there[1] + 0.8 * there[2]
+            expected = 1e3 * (0.6 * there[1] + 0.8 * there[2])
             assert trial.values == [pytest.approx(expected, rel=1e-6)]
     assert found.best is not None
     assert by_chance.best is not None

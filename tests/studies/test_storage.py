@@ -28,6 +28,7 @@ from test_resume import trials_of
 
 from magmpm.errors import InputError
 from magmpm.scene import Scene
+from magmpm.studies.engine import storage
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.records import artifact_store
 from magmpm.studies.engine.report import StudyReport
@@ -76,6 +77,27 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], list[Froz
         return trials_of(folder / "out")
 
     return trials
+
+
+@pytest.mark.parametrize("sampler", ["random", "tpe", "cmaes", "gauss-newton"])
+def test_a_study_that_was_begun_in_meters_goes_on_so(
+    sampler: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    whole: Callable[[str], list[FrozenTrial]],
+) -> None:
+    """As before 0.1.0, of which its names tell: the same designs and numbers as of one in millimeters."""
+    text = SHORT.replace("sampler: random", f"sampler: {sampler}")
+    with monkeypatch.context() as earlier:
+        earlier.setattr(storage, "SHOWN", {"rms": ("rms_m", 1.0)})
+        run(tmp_path, text=text, differentiate=differentiate, trials=3)
+    report = run(tmp_path, text=text, differentiate=differentiate)
+    begun = trials_of(tmp_path / "out")
+    there = whole(sampler)
+    assert [t.params for t in begun] == [t.params for t in there]
+    assert [t.values for t in begun] == [t.user_attrs["values_si"] for t in there]
+    assert [t.value for t in there] == [1e3 * rms for rms in report.rms_m]
+    assert not any("values_si" in t.user_attrs or t.constraints for t in begun)
 
 
 def test_sqlite_is_in_wal_mode_and_lets_others_read_and_write(tmp_path: Path) -> None:

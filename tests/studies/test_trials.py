@@ -23,6 +23,7 @@ from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.explore.accuracy import Beside, Solve, climb
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.samplers.optuna_ids import value_of
 from magmpm.studies.search.search_space import SearchSpace
 
 PENALTY = 0.04  # length of the catheter
@@ -42,9 +43,9 @@ def test_every_trial_keeps_its_numbers(tmp_path: Path) -> None:
         kept = trial.user_attrs
         scene = space.scene_of(trial.params)
         result = solve(scene)
-        assert (
-            trial.value == kept["rms_m"] == root_mean_square(gaps(result.centreline, study.target))
-        )
+        rms = root_mean_square(gaps(result.centreline, study.target))
+        assert value_of(trial) == kept["rms_m"] == rms
+        assert trial.value == 1e3 * rms
         assert kept["tip_error_m"] == np.linalg.norm(gaps(result.centreline, study.target)[-1])
         assert (kept["min_det_F"], kept["max_det_F"], kept["newton_steps"]) == (
             0.9,
@@ -106,8 +107,9 @@ def test_a_failed_solve_costs_a_trial_and_not_the_study(
     assert (report.trials, report.failed, report.ended) == (4, 2, "trials")
     for trial in trials_of(tmp_path / "out")[::2]:
         assert trial.state == optuna.trial.TrialState.COMPLETE
-        assert trial.value == PENALTY
+        assert (trial.value, trial.user_attrs["values_si"]) == (1e3 * PENALTY, [PENALTY])
         assert trial.user_attrs["feasible"] is False
+        assert trial.constraints == {"0": 1.0}
         assert trial.user_attrs["reason"] == reason
         assert pictures(tmp_path / "out", trial) == []
     assert report.best["number"] % 2 == 1

@@ -94,6 +94,6 @@ def test_a_kill_while_a_study_is_opened_costs_nothing(url: str, tmp_path: Path) 
             study_name=study.stem, storage=open_storage(storage_url(None, url))
         )
         assert [t.state for t in kept.trials] == [STATE.COMPLETE] * 4
-        assert kept.metric_names == ["rms_m"]
+        assert kept.metric_names == ["rms (mm)"]
         at += 1
     assert at == commits + 1 > 3

@@ -15,6 +15,7 @@ from servers import PASSWORD, Postgres, grpc_proxy, postgres, program, session
 from magmpm.studies.engine.storage import open_storage
 from magmpm.studies.engine.storage_url import storage_url
 from magmpm.studies.engine.workers.sessions import RERUN_OF
+from magmpm.studies.search.samplers.optuna_ids import value_of
 
 WANTED = 40
 pytestmark = [
@@ -55,7 +56,7 @@ def nothing_lost_or_doubled(
     assert len(rerun) == len(set(rerun)), "no design is queued again twice"
     for trial in done:
         assert trial.user_attrs["feasible"]
-        assert trial.value == trial.user_attrs["rms_m"]
+        assert value_of(trial) == trial.user_attrs["rms_m"]
 
 
 def seen_now(url: str, name: str) -> dict[int, tuple[float, ...]]:

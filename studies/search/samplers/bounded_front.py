@@ -31,6 +31,7 @@ from magmpm.studies.search.samplers.gauss_newton import (
     cost_of,
     counted,
 )
+from magmpm.studies.search.samplers.optuna_ids import value_of
 
 # a distance from the target, as it is foretold, and the design
 Start = tuple[float, dict[str, float]]
@@ -151,7 +152,7 @@ class BoundedFront(PlanningSampler):
         here = [t for t in trials if _bound_of(t) == bound]
         known = [t.params for t in [*trials, *running]]
         best = self._best(trials, bound)
-        nearest = math.inf if best is None else float(best.values[0])
+        nearest = math.inf if best is None else value_of(best)
         if len(here) >= EACH or (here and _wins_little(here[-1], trials)):
             return None
         if bound < 1.0 and nearest <= near:
@@ -246,7 +247,7 @@ class BoundedFront(PlanningSampler):
     def _distance(self, bound: float, trials: Sequence[FrozenTrial]) -> float:
         """The least distance within a bound."""
         best = self._best(trials, bound)
-        return self._far if best is None else max(float(best.values[0]), 1e-300)
+        return self._far if best is None else max(value_of(best), 1e-300)
 
 
 def _wins_little(trial: FrozenTrial, trials: Sequence[FrozenTrial]) -> bool:
@@ -255,7 +256,7 @@ def _wins_little(trial: FrozenTrial, trials: Sequence[FrozenTrial]) -> bool:
     before = next((t for t in trials if t.number == plan["from"]), None)
     if before is None or not counted(trial):
         return False
-    return bool(1.0 - LEAST_PROGRESS < trial.values[0] / before.values[0] <= 1.0)
+    return bool(1.0 - LEAST_PROGRESS < value_of(trial) / value_of(before) <= 1.0)
 
 
 def _promises(kept: Mapping[str, Any], trials: Sequence[FrozenTrial]) -> bool:

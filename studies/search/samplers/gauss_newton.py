@@ -33,7 +33,7 @@ from optuna.trial import FrozenTrial
 
 from magmpm.studies.search.samplers.blocks import Array, Ball, Block, Direction, Number
 from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates, Step
-from magmpm.studies.search.samplers.optuna_ids import other_trials, storage_of, trial_id
+from magmpm.studies.search.samplers.optuna_ids import other_trials, storage_of, trial_id, value_of
 
 __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
 
@@ -251,7 +251,7 @@ class GaussNewtonSampler(PlanningSampler):
         looked_at = min(3, len(self._starts))
         fresh = [t for t in given if t is last or 0 <= start_of(t) <= plan["start"] < looked_at]
         if not fresh or (
-            _value(best := min(fresh, key=cost_of)) > self._poor and plan["start"] + 1 < looked_at
+            value_of(best := min(fresh, key=cost_of)) > self._poor and plan["start"] + 1 < looked_at
         ):
             return None
         return best, RADIUS
@@ -291,7 +291,7 @@ class GaussNewtonSampler(PlanningSampler):
             step = self._space.step(x, residuals, jacobian, RADIUS / 4)
         if step.promised < LEAST_GAIN * cost:
             return True
-        if _value(base) <= self._goal:
+        if value_of(base) <= self._goal:
             return False
         earlier: FrozenTrial | None = base
         for _ in range(5):  # accepted steps that have not brought the value below three quarters
@@ -408,10 +408,6 @@ def cost_of(trial: FrozenTrial) -> float:
     """
     residuals = np.array(trial.user_attrs["residuals"], dtype=float)
     return float(residuals @ residuals)
-
-
-def _value(trial: FrozenTrial) -> float:
-    return float(trial.values[0]) if trial.values else math.inf  # of two objectives the first
 
 
 def start_of(trial: FrozenTrial) -> int:

@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 
 from magmpm.compiled.arrays import Array
 from magmpm.studies.search.parameters import FieldVector, SegmentDirection, corner_of
-from magmpm.studies.search.samplers.optuna_ids import other_trials
+from magmpm.studies.search.samplers.optuna_ids import other_trials, value_of
 from magmpm.studies.search.search_space import SearchSpace
 
 # of the parameters: five of the axes, correlation and power of the place, factor of the others, weight, range
@@ -361,7 +361,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         known = sorted(known, key=lambda t: (_square(t), t.number))[: self._settings.most]
         x = np.array([self._embedded(t) for t in known])
         # if the last trial is not the best so far, what is uncertain is no reason against the next design
-        values = [float("inf") if t.value is None else t.value for t in trials]
+        values = [value_of(t) for t in trials]
         self._caution = 1.0 if values[-1] <= min(values) else 0.0
         residuals = np.array([t.user_attrs["residuals"] for t in known], dtype=float)
         model = ShapeModel(self._layout, x, residuals)
