@@ -143,7 +143,7 @@ class Notes:
                 f"Searches {plain(vary)} with the sampler"
                 f" `{plain(definition.get('sampler', '?'))}`, seed {definition.get('seed', '?')}."
                 " A trial that was not solved has the length of the body as its distance from the"
-                " target, and is infeasible."
+                " target."
             ),
             f"Study file: `{plain(self._file)}`",
             *([f"{plain(report['why'])}."] if "why" in report else []),
