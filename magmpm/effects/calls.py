@@ -395,8 +395,12 @@ def _plain(function: Function) -> tuple[FunctionType, Any]:
     stamp = sha256(str(about).encode()).hexdigest()[:8]
     name = f"{function.pattern}_of_{stamp}"
     # Numba's symbols and files are named by these; the file's times say whether what is on disk is outdated
+    # and it reads their text from the line where it says that they begin: that of a hook
     code = pattern.__code__.replace(
-        co_name=name, co_qualname=name, co_filename=codes[0].co_filename
+        co_name=name,
+        co_qualname=name,
+        co_filename=codes[0].co_filename,
+        co_firstlineno=codes[0].co_firstlineno,
     )
     space = {f"{hook}_hook": of for hook, of in hooks.items()}
     space |= {"__name__": function.module}

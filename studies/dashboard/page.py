@@ -1,4 +1,4 @@
-"""The dashboard's page, which calls a trial that was solved and refused "Infeasible": dashboard 0.21 says "Complete" of it, in grey plots.
+"""The dashboard's page, which calls a trial that breaks a constraint "Infeasible": dashboard 0.21 says "Complete" of it, in grey plots.
 
 The page is one script. It is passed on with the places replaced that print a trial's state; a script of another version, in which they
 are not found, is passed on as it is (tests/studies/test_dashboard.py tells).

@@ -1,4 +1,4 @@
-"""What optuna-dashboard shows of a study beside its numbers: notes, and the study's own pictures; and which trial it calls the best."""
+"""Notes and pictures that optuna-dashboard shows of a study beside its numbers; and which trial it calls the best."""
 
 from __future__ import annotations
 

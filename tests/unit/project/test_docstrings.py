@@ -64,7 +64,7 @@ def functions(of: type) -> Iterator[tuple[str, Callable[..., Any]]]:
         if name.startswith("_") or not inspect.isfunction(function):
             continue
         documented = [
-            base for base in of.__mro__[1:] if getattr(vars(base).get(name), "__doc__", None)
+            base for base in of.__mro__[1:] if name in vars(base) and vars(base)[name].__doc__
         ]
         if function.__module__ == of.__module__ and not documented:
             yield f"{of.__name__}.{name}", function
