@@ -15,7 +15,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
 MOST_THREADS = 4096
-ANNOTATIONS = ("arrays",)  # modules of magmpm.compiled that hold no code
+WITHOUT_KERNELS = ("arrays", "thread_count")  # modules of magmpm.compiled that compile nothing
 COMPILED_IMPORT = re.compile(r"^from magmpm\.compiled(?:\.(\w+))? import", re.MULTILINE)
 NUMBA_IMPORT = re.compile(r"^(?:import|from) numba", re.MULTILINE)
 FROM_IMPORT = re.compile(r"^from (magmpm[\w.]*) import (\([^)]*\)|[^\n]+)", re.MULTILINE)
@@ -37,8 +37,8 @@ def compiled_sources(package: Path = PACKAGE) -> list[Path]:
     """Files of the package from which kernels are made: an edit of any other one leaves them as they are.
 
     A kernel is made of compiled functions, of the records that it is called with, and of the constants that these name. So: all of
-    magmpm.compiled; files that import anything of it but annotations, or Numba, or define a record (NamedTuple); and files from which
-    those import a constant, or a function that they call for a constant of their own.
+    magmpm.compiled; files that import Numba, or anything of it that compiles, or define a record (NamedTuple); and files from which those
+    import a constant, or a function that they call for a constant of their own.
     """
     texts = {path: path.read_text(encoding="utf-8") for path in package.rglob("*.py")}
     found = {
@@ -56,7 +56,7 @@ def _compiles(text: str) -> bool:
     """True for the text of a file that may define compiled functions, or records for them."""
     others = COMPILED_IMPORT.findall(text) if "magmpm.compiled" in text else ()
     return (
-        any(name not in ANNOTATIONS for name in others)
+        any(name not in WITHOUT_KERNELS for name in others)
         or NUMBA_IMPORT.search(text) is not None
         or "(NamedTuple)" in text
     )
