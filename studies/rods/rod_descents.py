@@ -257,9 +257,10 @@ class DescendingRods:
                 share=step / self.load_steps,
                 sloped=False,
             )
-        for _ in range(0 if gradient is None else PULLS - 1):
-            self.family.relaxed(quaternions, directions, fields, pull=pull, sloped=False)
-            pull = self.family.pull(quaternions, directions, gradient)
+        if gradient is not None:
+            for _ in range(PULLS - 1):
+                self.family.relaxed(quaternions, directions, fields, pull=pull, sloped=False)
+                pull = self.family.pull(quaternions, directions, gradient)
         return self.family.relaxed(quaternions, directions, fields, pull=pull)
 
     def _at_stations(self, values: Array) -> Array:
