@@ -26,6 +26,7 @@ ALLOWED = {
     "abc",
     "collections",
     "dataclasses",
+    "itertools",
     "math",
     "typing",
     "types",
