@@ -11,7 +11,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.jit import compiled, inner
-from magmpm.compiled.simd import determinant_of, inverse_cube_root, load, magnitude, store
+from magmpm.compiled.simd import determinant_of, inverse_cube_root, load, store
 
 # the largest shear modulus that a scene may give: above those of steel (80 GPa), tungsten and
 # carbide (300 GPa)
@@ -291,4 +291,4 @@ def stiffest(J, scale, I1, I2, pressure, bulk):
     shape = scale * I1 * (1.0 / 3.0)
     turned = pressure * J
     along = shape * (2.0 / 3.0) + turned + bulk * J * J
-    return scale + (0.5 * (along + magnitude(along)) + magnitude(shape - turned)) * I2 * r * r
+    return scale + (0.5 * (along + abs(along)) + abs(shape - turned)) * I2 * r * r

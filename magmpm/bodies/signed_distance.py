@@ -6,6 +6,7 @@ between points of spacing s a wall of radius r is off by less than 0.02 s^2/r, a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from magmpm.bodies.curves import face_normals
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined_elsewhere, inner, task_body
 from magmpm.compiled.parallel import TOGETHER, over_parts, parts_of, task
-from magmpm.compiled.simd import WIDTH, load, one_by_one, splat
+from magmpm.compiled.simd import above, larger, pick, smaller
 
 MOST_POINTS = 4_000_000  # 32 MB
 ON_EDGE = 3
@@ -46,21 +47,14 @@ class DistanceTable:
 
         return cls(origin, spacing, spline_filter(values, order=2, mode="mirror"))
 
-    @property
-    def flat(self) -> Array:
-        """The coefficients one after another, and room for the lanes that `value` loads beyond the last and does not use."""
-        return np.append(self.coefficients, np.zeros(WIDTH - 3))
-
     def at(self, points: Array) -> tuple[Array, Array]:
         """Distance (n,) m and its slope (n, 3) at points (n, 3) m; inf and 0 where the table does not reach."""
         found = np.full(len(points), np.inf)
         slopes = np.zeros((len(points), 3))
-        flat = self.flat
-        shape = self.coefficients.shape
-        place = (points - self.origin) / self.spacing
-        for n in np.flatnonzero(np.all((place >= 0.5) & (place < np.array(shape) - 1.5), axis=1)):
-            found[n], *slopes[n] = value(*place[n], self.spacing, shape[1], shape[2], flat)
-        return found, slopes
+        table = (self.spacing, self.coefficients.shape, self.coefficients.ravel())
+        for n, place in enumerate((points - self.origin) / self.spacing):
+            found[n], *slopes[n] = value(*place, *table)
+        return found, np.where(np.isfinite(found)[:, None], slopes, 0.0)
 
 
 def points_between(
@@ -357,57 +351,59 @@ def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
     return np.array(points), np.array(found)
 
 
-@inner
-def _splines(p):
-    """The middle of the three points whose quadratic splines reach a place p, and their values and slopes there."""
-    i = int(p + 0.5)
+@inlined_elsewhere
+def _splines(p, count):
+    """The middle of those three of `count` points whose quadratic splines reach a place p, how far (1/2 at most) it is from there, and the
+    splines' values and slopes."""
+    i = larger(smaller(math.floor(p + 0.5), count - 2.0), 1.0)
     d = p - i
-    values = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
-    return i, values, (d - 0.5, -2.0 * d, d + 0.5)
+    low = 0.5 - d
+    high = 0.5 + d
+    return i, d, (0.5 * low * low, 0.75 - d * d, 0.5 * high * high), (-low, -2.0 * d, high)
 
 
 @inlined_elsewhere
-def value(p, q, r, spacing, rows, columns, coefficients):
-    """Distance (m) and the three components of its slope, at a place p, q, r in points from the table's first, each 0.5 or more and less
-    than the last by as much. rows, columns: points along y and z; coefficients: `DistanceTable.flat`.
-
-    Row by row of three along z, in lanes of which the first three count. Small arrays in a particle loop, and views handed on, cost more
-    than all the rest.
-    """
-    i, u, du = _splines(p)
-    j, v, dv = _splines(q)
-    k, w, dw = _splines(r)
-    first = ((i - 1) * rows + j - 1) * columns + k - 1
-    here = splat(0.0)
-    along_x = splat(0.0)
-    along_y = splat(0.0)
+def value(p, q, r, spacing, shape, coefficients):
+    """Distance (m) and the three components of its slope, at a place p, q, r in points from the first of a table of this shape: of one point
+    or eight. inf, and no slope, past the splines' last middle."""
+    i, x, u, du = _splines(p, shape[0])
+    j, y, v, dv = _splines(q, shape[1])
+    k, z, w, dw = _splines(r, shape[2])
+    columns = shape[2]
+    plane = shape[1] * columns
+    first = (i - 1.0) * float(plane) + (j - 1.0) * float(columns) + (k - 1.0)
+    here = 0.0 * x
+    along_x = here
+    along_y = here
+    along_z = here
     for a in range(3):
-        plane = splat(0.0)
-        slope = splat(0.0)
+        on = 0.0 * x
+        aside = on
+        up = on
         for b in range(3):
-            row = load(coefficients, first + (a * rows + b) * columns)
-            plane = plane + v[b] * row
-            slope = slope + dv[b] * row
-        here = here + u[a] * plane
-        along_x = along_x + du[a] * plane
-        along_y = along_y + u[a] * slope
-    c = one_by_one(here)
-    x = one_by_one(along_x)
-    y = one_by_one(along_y)
-    return (
-        w[0] * c[0] + w[1] * c[1] + w[2] * c[2],
-        (w[0] * x[0] + w[1] * x[1] + w[2] * x[2]) / spacing,
-        (w[0] * y[0] + w[1] * y[1] + w[2] * y[2]) / spacing,
-        (dw[0] * c[0] + dw[1] * c[1] + dw[2] * c[2]) / spacing,
-    )
+            at = a * plane + b * columns
+            c0 = pick(coefficients, first, at)
+            c1 = pick(coefficients, first, at + 1)
+            c2 = pick(coefficients, first, at + 2)
+            row = w[0] * c0 + w[1] * c1 + w[2] * c2
+            on = on + v[b] * row
+            aside = aside + dv[b] * row
+            up = up + v[b] * (dw[0] * c0 + dw[1] * c1 + dw[2] * c2)
+        here = here + u[a] * on
+        along_x = along_x + du[a] * on
+        along_y = along_y + u[a] * aside
+        along_z = along_z + u[a] * up
+    past = larger(larger(abs(x), abs(y)), abs(z))
+    distance = above(past, 0.5, np.inf, here)
+    return distance, along_x / spacing, along_y / spacing, along_z / spacing
 
 
 @inner
-def curvature(p, q, r, spacing, rows, columns, coefficients):
+def curvature(p, q, r, spacing, shape, coefficients):
     """Second derivatives (1/m) of the distance along xx, yy, zz, xy, xz, yz, constant or linear in each cell; arguments as of `value`."""
-    i, u, du = _splines(p)
-    j, v, dv = _splines(q)
-    k, w, dw = _splines(r)
+    i, _, u, du = _splines(p, shape[0])
+    j, _, v, dv = _splines(q, shape[1])
+    k, _, w, dw = _splines(r, shape[2])
     second = (1.0, -2.0, 1.0)
     xx = 0.0
     yy = 0.0
@@ -417,7 +413,7 @@ def curvature(p, q, r, spacing, rows, columns, coefficients):
     yz = 0.0
     for a in range(3):
         for b in range(3):
-            first = ((i - 1 + a) * rows + j - 1 + b) * columns + k - 1
+            first = int(((i - 1 + a) * shape[1] + j - 1 + b) * shape[2] + k - 1)
             c0 = coefficients[first]
             c1 = coefficients[first + 1]
             c2 = coefficients[first + 2]

@@ -5,6 +5,7 @@ vector instruction (one AVX-512 instruction, two of AVX2, four of NEON).
 Only for compiled code: Python itself never holds lanes. Sums are made in a fixed order, so results are the same bit for bit each time.
 """
 
+import math
 import operator
 from typing import Any
 
@@ -14,7 +15,7 @@ from numba.core import cgutils
 from numba.extending import lower_builtin, models, register_model, type_callable
 
 from magmpm.compiled.by_address import first_of, instruction
-from magmpm.compiled.jit import inlined, inner
+from magmpm.compiled.jit import chosen_by_types, inlined, inner
 
 WIDTH = 8
 _DOUBLE = ir.DoubleType()
@@ -55,6 +56,12 @@ def _constant(value: float) -> ir.Constant:
     return ir.Constant(_VECTOR, [value] * WIDTH)
 
 
+def _wide(builder: Any, signature: Any, values: Any) -> list[Any]:
+    """Lanes of each value, which are lanes or floats."""
+    kinds = zip(values, signature.args, strict=True)
+    return [value if of == lanes else _everywhere(builder, value) for value, of in kinds]
+
+
 def _operator(function: Any, name: str) -> None:
     """Define an operator between lanes, and between lanes and a float."""
     type_callable(function)(
@@ -70,11 +77,7 @@ def _operator(function: Any, name: str) -> None:
     def lower(left: Any, right: Any) -> None:
         @lower_builtin(function, left, right)  # type: ignore[untyped-decorator]
         def _lowered(context, builder, signature, values):
-            wide = [
-                value if of == lanes else _everywhere(builder, value)
-                for value, of in zip(values, (left, right), strict=True)
-            ]
-            return getattr(builder, name)(*wide, flags=_FLAGS)
+            return getattr(builder, name)(*_wide(builder, signature, values), flags=_FLAGS)
 
     for pair in ((lanes, lanes), (lanes, types.float64), (types.float64, lanes)):
         lower(*pair)
@@ -87,6 +90,21 @@ type_callable(operator.neg)(lambda context: lambda a: lanes if a == lanes else N
 lower_builtin(operator.neg, lanes)(
     lambda context, builder, signature, values: builder.fneg(values[0])
 )
+
+
+def _function(of: Any, name: str) -> None:
+    """Define a function of one float for lanes, by its name in LLVM."""
+    type_callable(of)(lambda context: lambda a: lanes if a == lanes else None)
+
+    @lower_builtin(of, lanes)  # type: ignore[untyped-decorator]
+    def _lowered(context, builder, signature, values):
+        kind = ir.FunctionType(_VECTOR, [_VECTOR])
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v8f64")
+        return builder.call(function, values)
+
+
+for _of, _name in ((abs, "fabs"), (math.floor, "floor"), (math.sqrt, "sqrt")):
+    _function(_of, _name)
 
 
 def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any) -> Any:
@@ -152,15 +170,6 @@ def one_by_one(context, builder, signature, values):
     return context.make_tuple(builder, signature.return_type, out)
 
 
-@instruction(lanes, lanes)
-def magnitude(context, builder, signature, values):
-    """|value|, lane by lane."""
-    kind = ir.FunctionType(_VECTOR, [_VECTOR])
-    return builder.call(
-        cgutils.get_or_insert_function(builder.module, kind, "llvm.fabs.v8f64"), values
-    )
-
-
 def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:
     left = builder.shuffle_vector(*pair, _mask(low))
     right = builder.shuffle_vector(*pair, _mask(high))
@@ -198,23 +207,60 @@ lowest = _reduction("fmin")  # smallest lane
 highest = _reduction("fmax")  # largest lane
 
 
-@instruction(lanes, lanes, lanes)
-def flag_unless_positive(context, builder, signature, values):
-    """Lane by lane, 1 where the first is 0, negative or NaN; the second elsewhere. (The compiler would replace a - a by 0.)"""
-    above = builder.fcmp_ordered(">", values[0], _constant(0.0))
-    return builder.select(above, values[1], _constant(1.0))
+@instruction(lanes, None, None, None, None)
+def _above(context, builder, signature, values):
+    a, b, then, other = _wide(builder, signature, values)
+    return builder.select(builder.fcmp_ordered(">", a, b), then, other)
 
 
-@instruction(lanes, lanes, lanes)
-def smaller(context, builder, signature, values):
-    """Lane by lane, the smaller of two; the second where the first is NaN."""
-    return builder.select(builder.fcmp_ordered("<", *values), *values)
+@instruction(lanes, None, lanes, types.intp)
+def _picked(context, builder, signature, values):
+    array, at, further = values
+    first = builder.gep(first_of(context, builder, signature.args[0], array), [further])
+    places = builder.fptosi(at, _INTEGERS)
+    out = ir.Constant(_VECTOR, ir.Undefined)
+    for k in range(WIDTH):
+        lane = ir.Constant(ir.IntType(32), k)
+        one = builder.load(builder.gep(first, [builder.extract_element(places, lane)]))
+        out = builder.insert_element(out, one, lane)
+    return out
 
 
-@instruction(lanes, lanes, lanes)
-def larger(context, builder, signature, values):
-    """Lane by lane, the larger of two; the second where the first is NaN."""
-    return builder.select(builder.fcmp_ordered(">", *values), *values)
+# What hooks call with floats too: of one particle or point, and of eight.
+# above(a, b, then, other): `then` where a > b; `other` elsewhere, and where one of them is NaN
+above = chosen_by_types(
+    lambda a, b, then, other: (
+        (lambda a, b, then, other: _above(a, b, then, other))
+        if lanes in (a, b, then, other)
+        else (lambda a, b, then, other: then if a > b else other)
+    )
+)
+# pick(array, at, further): the number at index `at`, a whole float, plus `further` of a flat array
+pick = chosen_by_types(
+    lambda array, at, further: (
+        (lambda array, at, further: _picked(array, at, further))
+        if at == lanes
+        else (lambda array, at, further: array[int(at) + further])
+    )
+)
+
+
+@inlined
+def smaller(a, b):
+    """Return the smaller of two; the second where the first is NaN."""
+    return above(b, a, a, b)
+
+
+@inlined
+def larger(a, b):
+    """Return the larger of two; the second where the first is NaN."""
+    return above(a, b, a, b)
+
+
+@inlined
+def flag_unless_positive(a, b):
+    """1 where the first is 0, negative or NaN; the second elsewhere. (The compiler would replace a - a by 0.)"""
+    return above(a, 0.0, b, 1.0)
 
 
 # 4/3 of the bits of 1.0, minus a shift that makes the error of the guess equally large above and below.

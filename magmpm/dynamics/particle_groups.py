@@ -136,7 +136,7 @@ def _surface(
     slab = np.searchsorted(slabs, found.first[:, axis] - least, side="right") - 1
     order = np.lexsort((*found.first.T[::-1], slab))
     starts = np.flatnonzero(np.any(np.diff(found.first[order], axis=0, prepend=-1) != 0, axis=1))
-    first_group, point, _ = _groups(order, starts)
+    first_group, point, real = _groups(order, starts)
     pattern, kinds = _alike(_lanes(found.weights.reshape(-1, 9), point))
     packed = SortedSurfacePoints(
         first_patch=np.searchsorted(slab[order][starts], np.arange(len(slabs))),
@@ -150,6 +150,8 @@ def _surface(
         pattern=pattern,
         lanes=kinds.ravel(),
         rest=_lanes(found.place, point).ravel(),
+        layer=np.where(real, found.mass[point], 0.0).ravel(),
+        grip=found.friction[point].ravel(),
         splines=np.zeros(SPLINES * len(starts)),
         wetted=wetted,
     )

@@ -21,7 +21,7 @@ from magmpm.compiled.arrays import Index
 from magmpm.compiled.by_address import address, call, floats, numbers
 from magmpm.compiled.cache import c_functions
 from magmpm.compiled.jit import C_OPTIONS, compiled, inlined, inner
-from magmpm.compiled.simd import WIDTH
+from magmpm.compiled.simd import WIDTH, larger, store
 from magmpm.compiled.simd import load as lanes_at
 from magmpm.compiled.simd_views import matrix, row, vector
 from magmpm.effects.contact_force import PARTS
@@ -35,7 +35,7 @@ from magmpm.effects.hooks import dtype_of, has_hook, hooks_of, is_wide, module_o
 # Points of the surface (count,): x (count, 3), mass (count,); they add to force N and bend (count, 3, 3) N/m.
 # Pieces of the surface in a fluid (count,): x, v and normal (count, 3), law (count, columns); they add to force (count, 3) N.
 # Nodes (count,), by their numbers `nodes` in place, u, v and inverse_mass (3 nodes,).
-# value (count,): energies, depths, or seconds. force (count, PARTS) of points in motion: effects.contact_force.
+# value (count,): energies, depths, or seconds. force (count, PARTS) of points in motion, in groups of eight: effects.contact_force.
 _OF_PARTICLES = ("magnet", "columns", "rho", "x", "F", "dF", "dmagnet", "drho", "memory", "kept")
 _OF_POINTS = ("v", "normal", "law", "mass", "nodes", "place", "u", "inverse_mass")
 _RESULTS = ("value", "stress", "force", "tangent", "bend", "mixed")
@@ -192,18 +192,17 @@ def relax(record, data, length, first, count, dt, given):
 
 
 def contact(record, data, length, first, count, dt, given):
-    """Raise value, the largest depth (m) of each point so far, to its depth in this obstacle; force (count, PARTS) += the obstacle's
-    pushes.
-    """
+    """Raise value, the largest depth (m) of points so far, to that in this obstacle; force += its pushes; count: of groups of eight."""
     effect = carray(record, 1)[0]
     table = carray(data, length)
     at = carray(given, 1)[0]
-    depth = carray(floats(at.value), (count,))
-    mass = carray(floats(at.mass), (count,))
-    for p in range(count):
-        x = row(floats(at.x), 3 * p)
-        f = row(floats(at.force), PARTS * p)
-        depth[p] = max(depth[p], contact_hook(effect, table, x, mass[p], f))
+    depth = floats(at.value)
+    for g in range(count):
+        mass = lanes_at(floats(at.mass), WIDTH * g)
+        x = vector(floats(at.x), 3 * WIDTH * g)
+        f = vector(floats(at.force), PARTS * WIDTH * g)
+        found = contact_hook(effect, table, x, mass, f)
+        store(depth, WIDTH * g, larger(found, lanes_at(depth, WIDTH * g)))
 
 
 def touch(record, data, length, first, count, dt, given):
@@ -342,13 +341,31 @@ def points_from(given, x, mass, value, f):
 
 
 @inner
-def pushes(rows, step, given, x, mass, depth, f):
-    """Write to depth (n,) the largest depth (m) of points x (n, 3) m in what acts: -inf without rows, or where that is unknown; and to
-    f (n, PARTS) the push of all. mass (n,) kg."""
-    depth[:] = -np.inf
-    f[:] = 0.0
+def pushes(rows, step, given, groups, x, mass, first, depth, f):
+    """Write to depth (groups 8,) the largest depth (m) of points x (groups 3 8,) m in what acts: -inf without rows, or where that is
+    unknown; and to f (groups PARTS 8,) the push of all. Their mass, kg, from mass[first] on."""
+    depth[: WIDTH * groups] = -np.inf
+    f[: PARTS * WIDTH * groups] = 0.0
     points_from(given, x, mass, depth, f)
-    call_each(rows, step, 0, len(depth), 0.0, address(given, 0))
+    given[0].mass = address(mass, first)
+    call_each(rows, step, 0, groups, 0.0, address(given, 0))
+
+
+@inner
+def pushes_on(rows, x, mass, depth, f):
+    """Do the same for points one after another: x (n, 3) m, mass (n,) kg, depth (n,) m, f (n, PARTS)."""
+    groups = -(-len(x) // WIDTH)
+    places = np.zeros((groups, 3, WIDTH))
+    masses = np.zeros(WIDTH * groups)
+    found = np.empty(WIDTH * groups)
+    pushed = np.empty((groups, PARTS, WIDTH))
+    for p in range(len(x)):
+        masses[p] = mass[p]
+        places[p // WIDTH, :, p % WIDTH] = x[p]
+    pushes(rows, 0, given_for(), groups, places.reshape(-1), masses, 0, found, pushed.reshape(-1))
+    for p in range(len(x)):
+        depth[p] = found[p]
+        f[p] = pushed[p // WIDTH, :, p % WIDTH]
 
 
 class Function(NamedTuple):

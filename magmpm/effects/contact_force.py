@@ -8,12 +8,13 @@ sticks grow by 1e-4 a step. What sticks does not creep, and what rolls loses not
 Sources: Moreau, in Nonsmooth Mechanics and Applications, CISM 302 (1988) 1, the law for velocities at the end of a step; Jean, CMAME 177
 (1999) 235, its solution point by point.
 
-Hooks add to f (PARTS,): f[:3] the push, N; f[GRIP] the friction that it allows, N; f[RIGIDITY] the stiffness of what pushes, N/m.
+Of one point, or of eight in lanes, `push` and `own_grip` are the same. Hooks add to f (PARTS,): f[:3] the push, N; f[GRIP] the friction that it allows, N; f[RIGIDITY] the stiffness of what pushes, N/m.
 """
 
 import math
 
 from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.simd import above, larger
 
 GRIP, RIGIDITY, PARTS = range(3, 6)
 # What is kept of a touching point: the force of friction (3,) N, of which the next step begins; the unit normal (3,) of its push; and the
@@ -24,26 +25,26 @@ KEPT = 7
 LEAST_FRICTION = 1e-9  # of the largest friction: a point with so little less slides
 
 
-@inner
+@inlined
 def push(depth, s0, s1, s2, rigidity, friction, f):
-    """f += the push at a depth (m), its grip and rigidity. s: slope of the distance out of the obstacle; rigidity: as of `spring`.
+    """f += the push at a depth (m), its grip and rigidity: nothing where it is not above 0. s: slope of the distance out of the obstacle; rigidity: as of `spring`.
 
     Times the slope's size, which a table has near 1: the exact slope of the energy.
     """
-    normal = rigidity * depth
+    normal = rigidity * larger(depth, 0.0)
     f[0] += normal * s0
     f[1] += normal * s1
     f[2] += normal * s2
     if friction > 0.0:
         f[GRIP] += friction * normal * math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
-    f[RIGIDITY] += rigidity
+    f[RIGIDITY] += above(depth, 0.0, rigidity, 0.0)
 
 
 @compiled
 def own_grip(friction, f):
     """Give f the grip of a surface whose material has a coefficient of its own; nan: it has none, and the obstacle's counts."""
-    if friction >= 0.0:
-        f[GRIP] = friction * math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    f[GRIP] = above(friction, -1.0, friction * size, f[GRIP])
 
 
 @inner

@@ -19,7 +19,7 @@ from pydantic import Field
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
-from magmpm.effects.calls import given_for, pushes, rows
+from magmpm.effects.calls import pushes_on, rows
 from magmpm.effects.contact_force import GRIP, LEAST_FRICTION, PARTS, RIGIDITY, own_grip
 from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import PAIR, SceneError, dotted
@@ -121,8 +121,7 @@ def _touching(calls, x, mass, friction, pull, most, force):
     energy = 0.0
     pushed = np.empty((len(mass), PARTS))
     found = np.empty(len(mass))
-    given = given_for()
-    pushes(calls, 0, given, x, mass, found, pushed)
+    pushes_on(calls, x, mass, found, pushed)
     for p in range(len(mass)):
         depth = found[p]
         if depth > 0.0:

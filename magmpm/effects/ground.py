@@ -108,9 +108,8 @@ def depth(effect, x):
 def contact(effect, data, x, mass, f):
     """f += the plane's push and grip (contact_force). Returns the depth, m."""
     below = depth(effect, x)
-    if below > 0.0:
-        n = effect.ground_normal
-        push(below, n[0], n[1], n[2], mass * effect.ground_stiffness, effect.ground_friction, f)
+    n = effect.ground_normal
+    push(below, n[0], n[1], n[2], mass * effect.ground_stiffness, effect.ground_friction, f)
     return below
 
 

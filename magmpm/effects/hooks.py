@@ -28,7 +28,8 @@ In motion only:
                                                                 stress to P (3, 3), Pa; for eight particles at a time
 ``contact(effect, data, x, mass, f) -> float``                  depth (m) of a point of the surface of mass (kg) in an obstacle. Above 0,
                                                                 its push is added to f[:3], N, with friction and stiffness
-                                                                (effects.contact_force; x and f only indexed: kernels pass views). Else
+                                                                (effects.contact_force; x and f only indexed), for eight points at a time:
+                                                                plain arithmetic, and what compiled.simd has for both. Else
                                                                 minus a distance (m) within which nothing is pushed, -inf if that is
                                                                 unknown: contact is left out until a point may have moved that far
 ``drag(effect, data, law, x, n, v, f)``                          adds the force of a fluid on a piece of the surface to f (3,), N: law, its

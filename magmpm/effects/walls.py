@@ -46,7 +46,7 @@ def parameters(table: DistanceTable, **pushing: float) -> Records:
     """Parameters for the kernels: see contact_force.push."""
     return obstacle_record(
         DTYPE,
-        table.flat,
+        table.coefficients.ravel(),
         origin=table.origin,
         spacing=table.spacing,
         shape=table.coefficients.shape,
@@ -277,29 +277,18 @@ def _place(effect, x):
 
 @inlined
 def depth(effect, data, x):
-    """Distance (m) of a point x beyond the wall, negative inside; slope of the distance, inwards."""
-    s = effect.walls_spacing
-    p, q, r = _place(effect, x)
-    i = int(p + 0.5)
-    j = int(q + 0.5)
-    k = int(r + 0.5)
+    """Distance (m) of a point x beyond the wall, negative inside, -inf past the table; slope of the distance, inwards."""
     planes, rows, columns = effect.walls_shape
-    if not (0 < i < planes - 1 and 0 < j < rows - 1 and 0 < k < columns - 1):
-        return -np.inf, 0.0, 0.0, 0.0
-    # The nearest coefficient differs from the distance by at most 2 s: for most points this decides.
-    near = data[(i * rows + j) * columns + k]
-    if near > 2.0 * s:
-        return 2.0 * s - near, 0.0, 0.0, 0.0  # no point is deeper
-    distance, sx, sy, sz = value(p, q, r, s, rows, columns, data)
-    return -distance, sx, sy, sz
+    p, q, r = _place(effect, x)
+    room, sx, sy, sz = value(p, q, r, effect.walls_spacing, (planes, rows, columns), data)
+    return -room, sx, sy, sz
 
 
 @inlined
 def contact(effect, data, x, mass, f):
     """f += the wall's push and grip (contact_force). Returns the distance beyond the wall, m."""
     beyond, sx, sy, sz = depth(effect, data, x)
-    if beyond > 0.0:
-        push(beyond, sx, sy, sz, mass * effect.walls_stiffness, effect.walls_friction, f)
+    push(beyond, sx, sy, sz, mass * effect.walls_stiffness, effect.walls_friction, f)
     return beyond
 
 
@@ -310,9 +299,10 @@ def touch(effect, data, x, mass, f, H):
     if not beyond > 0.0:
         return 0.0
     rigidity = mass * effect.walls_stiffness
-    _, rows, columns = effect.walls_shape
+    planes, rows, columns = effect.walls_shape
     p, q, r = _place(effect, x)
-    xx, yy, zz, xy, xz, yz = curvature(p, q, r, effect.walls_spacing, rows, columns, data)
+    shape = (planes, rows, columns)
+    xx, yy, zz, xy, xz, yz = curvature(p, q, r, effect.walls_spacing, shape, data)
     bent = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     for i in range(3):
         for j in range(3):

@@ -32,8 +32,8 @@ def _components(low, last):
 
 
 @inlined
-def gather_value(field, node, along_x, along_y, splines, first, value):
-    """Value (3 8,) of a nodal field (3 nodes,) at a group of eight places in a cell, whose splines begin at splines[first]."""
+def gather_value(field, node, along_x, along_y, splines, first, value, to):
+    """Value (3 8,), from index `to` on, of a nodal field (3 nodes,) at a group of eight places in a cell, whose splines begin at splines[first]."""
     zero = splat(0.0)
     u0 = zero
     u1 = zero
@@ -55,7 +55,7 @@ def gather_value(field, node, along_x, along_y, splines, first, value):
         u0 = u0 + nx * p0
         u1 = u1 + nx * p1
         u2 = u2 + nx * p2
-    store(value, 0, u0), store(value, 8, u1), store(value, 16, u2)
+    store(value, to, u0), store(value, to + 8, u1), store(value, to + 16, u2)
 
 
 @inlined

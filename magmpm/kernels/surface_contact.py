@@ -17,14 +17,15 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inner, task_body
 from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
-from magmpm.compiled.simd import WIDTH, load, store
-from magmpm.compiled.simd_views import row
+from magmpm.compiled.simd import WIDTH, highest, larger, load, lowest, smaller, store, total
+from magmpm.compiled.simd_views import vector
 from magmpm.effects.calls import call_each, given_for, points_from, pushes
 from magmpm.effects.contact_force import (
     GRIP,
     KEPT,
     MOST_PUSH,
     PARTS,
+    RIGIDITY,
     leaves,
     own_grip,
     rubbed,
@@ -57,7 +58,8 @@ class SortedSurfacePoints(NamedTuple):
     first_patch (slabs + 1,), first_point (patches + 1,): of each slab and patch; first_node (patches,); weights (9 points,): splines along
     x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer; friction (points,) of their own material, or nan.
     first_group (patches + 1,): points in groups of eight lanes, of which a last one that is not full repeats its first point; pattern
-    (groups,): where the splines of a group begin in lanes (patterns 72,), shared by groups that are alike; rest (groups 3 8,): places.
+    (groups,): where the splines of a group begin in lanes (patterns 72,), shared by groups that are alike; rest (groups 3 8,): places;
+    layer (groups 8,): mass, 0 of repetitions; grip (groups 8,): friction.
     wetted: what of it a fluid meets. splines (SPLINES patches,): room for those by which a patch's friction acts on its nodes in this step.
     """
 
@@ -72,6 +74,8 @@ class SortedSurfacePoints(NamedTuple):
     pattern: Index
     lanes: Array
     rest: Array
+    layer: Array
+    grip: Array
     splines: Array
     wetted: WettedPieces
 
@@ -91,11 +95,9 @@ def touch(slab, step, surface, cells, state, calls, slabs):
     most_groups = 0
     for patch in patches:
         most_groups = max(most_groups, surface.first_group[patch + 1] - surface.first_group[patch])
-    places = np.empty((WIDTH * most_groups, 3))
-    found = np.empty(len(places))
-    pushed = np.empty((len(places), PARTS))
-    parts = np.empty(PARTS * WIDTH)
-    moved = np.empty(3 * WIDTH)
+    moved = np.empty(3 * WIDTH * most_groups)
+    found = np.empty(WIDTH * most_groups)
+    pushed = np.empty(PARTS * WIDTH * most_groups)
     whole = np.empty(PARTS)
     mean = np.empty(SPLINES)
     given = given_for()
@@ -108,24 +110,25 @@ def touch(slab, step, surface, cells, state, calls, slabs):
         if way < kept[own + ROOM]:
             continue
         node = surface.first_node[patch]
-        first = surface.first_point[patch]
-        count = surface.first_point[patch + 1] - first
         begun = surface.first_group[patch]
         groups = surface.first_group[patch + 1] - begun
         for group in range(groups):
             at = surface.pattern[begun + group]
-            gather_value(state.u, node, along_x, along_y, surface.lanes, at, moved)
+            to = 3 * WIDTH * group
+            gather_value(state.u, node, along_x, along_y, surface.lanes, at, moved, to)
             for i in range(3):
                 rest = load(surface.rest, WIDTH * (3 * (begun + group) + i))
-                store(moved, WIDTH * i, load(moved, WIDTH * i) + rest)
-            for k in range(WIDTH):
-                for i in range(3):
-                    places[WIDTH * group + k, i] = moved[WIDTH * i + k]
-        depth = found[:count]
-        pushes(calls.contact, step, given, places, surface.mass[first:], depth, pushed)
-        most = depth.max()
+                store(moved, to + WIDTH * i, load(moved, to + WIDTH * i) + rest)
+        heft = (surface.layer, WIDTH * begun)
+        pushes(calls.contact, step, given, groups, moved, *heft, found, pushed)
+        high = load(found, 0)
+        low = high
+        for group in range(1, groups):
+            high = larger(load(found, WIDTH * group), high)
+            low = smaller(load(found, WIDTH * group), low)
+        most = highest(high)
         clear = (
-            most < 0.0 and depth.min() > -np.inf
+            most < 0.0 and lowest(low) > -np.inf
         )  # -inf: past an obstacle's end, who knows how far
         kept[own + ROOM] = way - most if clear else 0.0
         if not most > 0.0:
@@ -133,22 +136,17 @@ def touch(slab, step, surface, cells, state, calls, slabs):
             continue
         whole[:] = 0.0
         mean[:] = 0.0
-        for k in range(count):
-            if depth[k] > 0.0:
-                f = row(pushed, PARTS * k)
-                own_grip(surface.friction[first + k], f)
-                for i in range(PARTS):
-                    whole[i] += f[i]
         for group in range(groups):
-            for i in range(PARTS):
-                for k in range(WIDTH):
-                    parts[WIDTH * i + k] = pushed[WIDTH * group + k, i]
-            f = (load(parts, 0), load(parts, WIDTH), load(parts, 2 * WIDTH))
+            f = vector(pushed, PARTS * WIDTH * group)
+            own_grip(load(surface.grip, WIDTH * (begun + group)), f)
+            for i in range(RIGIDITY):
+                whole[i] += total(f[i])
             at = surface.pattern[begun + group]
-            scatter_value(state.force, node, along_x, along_y, surface.lanes, at, f)
+            three = (f[0], f[1], f[2])
+            scatter_value(state.force, node, along_x, along_y, surface.lanes, at, three)
             if whole[GRIP] > 0.0:
-                grip = load(parts, WIDTH * GRIP)
-                scatter_value(mean, 0, 9, 3, surface.lanes, at, (grip, grip, grip))
+                three = (f[GRIP], f[GRIP], f[GRIP])
+                scatter_value(mean, 0, 9, 3, surface.lanes, at, three)
         push = math.sqrt(whole[0] ** 2 + whole[1] ** 2 + whole[2] ** 2)
         if touches(whole, kept, own) > 0.0:
             slabs.rubs[slab] += 1.0

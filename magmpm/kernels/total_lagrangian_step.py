@@ -22,7 +22,6 @@ from magmpm.compiled.simd import (
     flag_unless_positive,
     larger,
     load,
-    magnitude,
     smaller,
     splat,
     store,
@@ -380,7 +379,7 @@ def particles_to_grid(cell, begun, cells, particles, state, room, high, change):
             particles.density, 8 * group
         )
         high = larger(stiff, high)
-        change = larger(magnitude(stiff - load(state.stiffness, 8 * group)), change)
+        change = larger(abs(stiff - load(state.stiffness, 8 * group)), change)
         store(state.stiffness, 8 * group, stiff)
         V = load(particles.volume, 8 * group)
         # without effects these are zeros: to add them costs less than to ask
@@ -563,7 +562,7 @@ def _cell_at_particles(cell, given):
     node = cells.first_node[cell]
     for group in range(cells.first_group[cell], cells.first_group[cell + 1]):
         gather(u, node, along_x, along_y, splines, particles.pattern[group], gradient, 0, moved, 0)
-        gather_value(v, node, along_x, along_y, splines, particles.pattern[group], speed)
+        gather_value(v, node, along_x, along_y, splines, particles.pattern[group], speed, 0)
         for lane in range(WIDTH):
             p = particle[group, lane]
             if p >= 0:

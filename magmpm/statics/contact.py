@@ -25,7 +25,7 @@ from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
-from magmpm.effects.calls import given_for, pushes, rows
+from magmpm.effects.calls import pushes_on, rows
 from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
 from magmpm.effects.contact_law import obstacle_contacts
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
@@ -105,9 +105,8 @@ def _grips(calls, x, was, mass, friction, f, met):  # type: ignore[no-untyped-de
     n = len(x)
     depth = np.empty(n)
     before = np.empty(n)
-    given = given_for()
-    pushes(calls, 0, given, was, mass, before, f)
-    pushes(calls, 0, given, x, mass, depth, f)
+    pushes_on(calls, was, mass, before, f)
+    pushes_on(calls, x, mass, depth, f)
     for p in range(n):
         if depth[p] > 0.0:
             met[p] = 0.0 if before[p] >= 0.0 else 1.0 / (1.0 - depth[p] / before[p])

@@ -10,7 +10,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined, inner_kernel, prange
-from magmpm.compiled.simd import larger, load, magnitude, splat, store
+from magmpm.compiled.simd import larger, load, splat, store
 from magmpm.kernels.mass_correction import added_at, correct
 from magmpm.kernels.total_lagrangian_step import (
     State,
@@ -56,7 +56,7 @@ def particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, ch
             particles.density, 8 * group
         )
         high = larger(stiff, high)
-        change = larger(magnitude(stiff - load(state.stiffness, 8 * group)), change)
+        change = larger(abs(stiff - load(state.stiffness, 8 * group)), change)
         store(state.stiffness, 8 * group, stiff)
         V = load(particles.volume, 8 * group)
         for i in range(9):
