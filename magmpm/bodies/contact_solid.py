@@ -84,7 +84,7 @@ def mesh_solids(components: Sequence[Sequence[Array]], cell: float, gap: float =
     faces = [distance.faces_of(corners) for corners in outside]
     around = [_around(*each) for each in zip(tables, faces, strict=True)]
     first, before = (
-        np.cumsum([0, *each]) for each in ([table.coefficients.size for table in tables], map(len, faces))
+        np.cumsum([0, *each]) for each in ([table.flat.size for table in tables], map(len, faces))
     )
     point, face = (
         np.concatenate([each[n] + start[k] for k, each in enumerate(around)])
@@ -98,7 +98,7 @@ def mesh_solids(components: Sequence[Sequence[Array]], cell: float, gap: float =
         np.array([[*table.origin, table.spacing] for table in tables]),
         np.array([table.coefficients.shape for table in tables]),
         first,
-        np.concatenate([table.coefficients.ravel() for table in tables]),
+        np.concatenate([table.flat for table in tables]),
         near,
         np.concatenate(faces).ravel(),
     )
@@ -229,12 +229,15 @@ def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
             )
             if (
                 d < CRACK * size[3]
-                or distance.value(p, q, r, size[3], (nx, ny, nz), solids.coefficients[begin:end])[0] < 0.0
+                or distance.value(p, q, r, size[3], (nx, ny, nz), solids.coefficients[begin:end])[0]
+                < 0.0
             ):
                 return d
             normal *= -1.0
             return -d
-        d, s0, s1, s2 = distance.value(p, q, r, size[3], (nx, ny, nz), solids.coefficients[begin:end])
+        d, s0, s1, s2 = distance.value(
+            p, q, r, size[3], (nx, ny, nz), solids.coefficients[begin:end]
+        )
         normal[0], normal[1], normal[2] = -s0, -s1, -s2
         return -d
     for k in range(begin, end, 4):

@@ -47,11 +47,16 @@ class DistanceTable:
 
         return cls(origin, spacing, spline_filter(values, order=2, mode="mirror"))
 
+    @property
+    def flat(self) -> Array:
+        """The coefficients one after another, and the one beyond that is read and not used."""
+        return np.append(self.coefficients, 0.0)
+
     def at(self, points: Array) -> tuple[Array, Array]:
         """Distance (n,) m and its slope (n, 3) at points (n, 3) m; inf and 0 where the table does not reach."""
         found = np.full(len(points), np.inf)
         slopes = np.zeros((len(points), 3))
-        table = (self.spacing, self.coefficients.shape, self.coefficients.ravel())
+        table = (self.spacing, self.coefficients.shape, self.flat)
         for n, place in enumerate((points - self.origin) / self.spacing):
             found[n], *slopes[n] = value(*place, *table)
         return found, np.where(np.isfinite(found)[:, None], slopes, 0.0)
@@ -363,28 +368,31 @@ def _splines(p, count):
 
 
 @inlined_elsewhere
-def value(p, q, r, spacing, shape, coefficients):
-    """Distance (m) and the three components of its slope, at a place p, q, r in points from the first of a table of this shape: of one point
-    or eight. inf, and no slope, past the splines' last middle."""
+def _around(p, q, r, shape):
+    """Index of the first coefficient that a place sees; how far it is from the middle one, along the axis where that is most; values and
+    slopes of the splines along all axes."""
     i, x, u, du = _splines(p, shape[0])
     j, y, v, dv = _splines(q, shape[1])
     k, z, w, dw = _splines(r, shape[2])
-    columns = shape[2]
-    plane = shape[1] * columns
-    first = (i - 1.0) * float(plane) + (j - 1.0) * float(columns) + (k - 1.0)
-    here = 0.0 * x
+    first = ((i - 1.0) * float(shape[1]) + (j - 1.0)) * float(shape[2]) + (k - 1.0)
+    return first, larger(larger(abs(x), abs(y)), abs(z)), (u, v, w), (du, dv, dw)
+
+
+@inlined_elsewhere
+def value(p, q, r, spacing, shape, coefficients):
+    """Distance (m) and the three components of its slope, at a place p, q, r in points from the first of a table of this shape, of one
+    point or eight; inf, with a slope of no meaning, where the table does not reach."""
+    first, away, (u, v, w), (du, dv, dw) = _around(p, q, r, shape)
+    here = 0.0 * away
     along_x = here
     along_y = here
     along_z = here
     for a in range(3):
-        on = 0.0 * x
+        on = 0.0 * away
         aside = on
         up = on
         for b in range(3):
-            at = a * plane + b * columns
-            c0 = pick(coefficients, first, at)
-            c1 = pick(coefficients, first, at + 1)
-            c2 = pick(coefficients, first, at + 2)
+            c0, c1, c2 = pick(coefficients, first, (a * shape[1] + b) * shape[2])
             row = w[0] * c0 + w[1] * c1 + w[2] * c2
             on = on + v[b] * row
             aside = aside + dv[b] * row
@@ -393,17 +401,14 @@ def value(p, q, r, spacing, shape, coefficients):
         along_x = along_x + du[a] * on
         along_y = along_y + u[a] * aside
         along_z = along_z + u[a] * up
-    past = larger(larger(abs(x), abs(y)), abs(z))
-    distance = above(past, 0.5, np.inf, here)
+    distance = above(away, 0.5, np.inf, here)
     return distance, along_x / spacing, along_y / spacing, along_z / spacing
 
 
 @inner
 def curvature(p, q, r, spacing, shape, coefficients):
     """Second derivatives (1/m) of the distance along xx, yy, zz, xy, xz, yz, constant or linear in each cell; arguments as of `value`."""
-    i, _, u, du = _splines(p, shape[0])
-    j, _, v, dv = _splines(q, shape[1])
-    k, _, w, dw = _splines(r, shape[2])
+    first, _, (u, v, w), (du, dv, dw) = _around(p, q, r, shape)
     second = (1.0, -2.0, 1.0)
     xx = 0.0
     yy = 0.0
@@ -413,10 +418,7 @@ def curvature(p, q, r, spacing, shape, coefficients):
     yz = 0.0
     for a in range(3):
         for b in range(3):
-            first = int(((i - 1 + a) * shape[1] + j - 1 + b) * shape[2] + k - 1)
-            c0 = coefficients[first]
-            c1 = coefficients[first + 1]
-            c2 = coefficients[first + 2]
+            c0, c1, c2 = pick(coefficients, first, (a * shape[1] + b) * shape[2])
             line = w[0] * c0 + w[1] * c1 + w[2] * c2
             slope = dw[0] * c0 + dw[1] * c1 + dw[2] * c2
             xx += second[a] * v[b] * line

@@ -213,17 +213,33 @@ def _above(context, builder, signature, values):
     return builder.select(builder.fcmp_ordered(">", a, b), then, other)
 
 
-@instruction(lanes, None, lanes, types.intp)
+@instruction(types.UniTuple(lanes, 3), None, lanes, types.intp)
 def _picked(context, builder, signature, values):
     array, at, further = values
     first = builder.gep(first_of(context, builder, signature.args[0], array), [further])
     places = builder.fptosi(at, _INTEGERS)
-    out = ir.Constant(_VECTOR, ir.Undefined)
+    rows = []
     for k in range(WIDTH):
-        lane = ir.Constant(ir.IntType(32), k)
-        one = builder.load(builder.gep(first, [builder.extract_element(places, lane)]))
-        out = builder.insert_element(out, one, lane)
-    return out
+        place = builder.extract_element(places, ir.Constant(ir.IntType(32), k))
+        four = ir.VectorType(_DOUBLE, 4).as_pointer()
+        rows.append(builder.load(builder.bitcast(builder.gep(first, [place]), four)))
+        rows[-1].align = 8
+
+    def pairs(parts: list[Any], order: list[int]) -> list[Any]:
+        return [
+            builder.shuffle_vector(*parts[k : k + 2], _mask(order)) for k in range(0, len(parts), 2)
+        ]
+
+    two = pairs(rows, list(range(WIDTH)))
+    four_each = pairs(two, [0, 4, 8, 12, 1, 5, 9, 13])
+    last = pairs(two, [2, 6, 10, 14, 2, 6, 10, 14])
+    low = [0, 1, 2, 3, 8, 9, 10, 11]
+    found = (
+        *pairs(four_each, low),
+        *pairs(four_each, [4, 5, 6, 7, 12, 13, 14, 15]),
+        *pairs(last, low),
+    )
+    return context.make_tuple(builder, signature.return_type, found)
 
 
 # What hooks call with floats too: of one particle or point, and of eight.
@@ -235,12 +251,18 @@ above = chosen_by_types(
         else (lambda a, b, then, other: then if a > b else other)
     )
 )
-# pick(array, at, further): the number at index `at`, a whole float, plus `further` of a flat array
+# pick(array, at, further): three numbers of a flat array, from index `at`, a whole float, plus `further` on; of eight, one beyond is read
 pick = chosen_by_types(
     lambda array, at, further: (
         (lambda array, at, further: _picked(array, at, further))
         if at == lanes
-        else (lambda array, at, further: array[int(at) + further])
+        else (
+            lambda array, at, further: (
+                array[int(at) + further],
+                array[int(at) + further + 1],
+                array[int(at) + further + 2],
+            )
+        )
     )
 )
 
@@ -255,12 +277,6 @@ def smaller(a, b):
 def larger(a, b):
     """Return the larger of two; the second where the first is NaN."""
     return above(a, b, a, b)
-
-
-@inlined
-def flag_unless_positive(a, b):
-    """1 where the first is 0, negative or NaN; the second elsewhere. (The compiler would replace a - a by 0.)"""
-    return above(a, 0.0, b, 1.0)
 
 
 # 4/3 of the bits of 1.0, minus a shift that makes the error of the guess equally large above and below.

@@ -10,9 +10,8 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_force import NORMAL
-from magmpm.effects.contact_law import stiffness_of
-from magmpm.kernels import body_contact as kernel
 from magmpm.kernels.body_contact import (
+    BEGUN,
     CELL,
     DEPTH,
     FORCE,
@@ -27,25 +26,22 @@ from magmpm.statics.surface_pairs import (
     BETWEEN,
     MOVE,
     SurfacePairs,
-    begun,
     spline_matrix,
 )
 
 
 def body_contact(model: Model, packed: Packed) -> BodyContact | None:
     """The contact of a model's body with itself, if its scene names self_contact."""
-    effect = model.scene.effects.self_contact
-    if effect is None:
+    if model.scene.effects.self_contact is None:
         return None
-    stiffness = stiffness_of(model.scene, effect.stiffness)
-    return BodyContact(model, packed, np.array([stiffness, effect.friction]))
+    return BodyContact(model, packed)
 
 
 class BodyContact(SurfacePairs):
     """The pairs of a model, which `listed` brings up to date with displacements u (3 nodes,) m."""
 
-    def __init__(self, model: Model, packed: Packed, law: Array) -> None:
-        super().__init__(model, packed.point, law)
+    def __init__(self, model: Model, packed: Packed) -> None:
+        super().__init__(model, packed.point)
         self._node = np.repeat(packed.surface.first_node, np.diff(packed.surface.first_point))
         splines = abs(self.splines)[:, packed.nodes.active]
         pace = (
@@ -100,9 +96,7 @@ class BodyContact(SurfacePairs):
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self.place[q[new]], self.at[q[new]]
-        other = self.solid[p[new]] != self.solid[q[new]]
-        error = begun(self.solids, self.solid[q[new]][other], self.place[p[new]][other])
-        memory[other, kernel.BEGUN] = error - kernel.PLACE_TOLERANCE * self.cell  # and rounding
+        memory[:, BEGUN] = self.begun(p[new], q[new])
         memory[:, ROOM] = way + 0.5 * np.sqrt(
             np.maximum(distance[new] ** 2 - (BETWEEN * self.cell) ** 2, 0.0)
         )
@@ -127,7 +121,7 @@ class BodyContact(SurfacePairs):
         force = pair[:, FORCE : FORCE + 3]
         normal = pair[:, FRICTION + NORMAL : FRICTION + NORMAL + 3]
         cell = pair[:, CELL].astype(np.int64)
-        rigidity = self.cells.share[cell] * self.mass[point] * self.law[0]
+        rigidity = self.rigidity(cell, point)
         slip = self.splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
         slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
         depth = pair[:, DEPTH]

@@ -26,10 +26,10 @@ again as the
   motion calms down. The same holds for the change of F, averaged over the steps between two checks: silicone of K = 5 G keeps its stiffness
   while it swells from det F = 0.2 to 0.5.
 
-A body whose parts attract each other meets itself again and again, and what a step adds to the energy where springs of contact begin
-within it, or where the body vibrates near the limit of stability, adds up. There the sum of all energies is known, so it is looked at after
-every chunk of steps. If it has moved by more than DRIFT of the largest kinetic energy from what it was, the chunk is taken back, and steps
-are halved, up to four times. They grow again where eight chunks changed it by little.
+What a step adds to the energy where springs of contact begin within it, all those of a face that lands among them, or where the body
+vibrates near the limit of stability, adds up as it touches something again and again. Where loads are constant the sum of all energies is
+known, so it is looked at after every chunk of steps. If it has moved by more than DRIFT of the largest kinetic energy from what it was,
+the chunk is taken back, and steps are halved, up to four times. They grow again where eight chunks changed it by little.
 
 A step given in the scene never changes. Where it is too long, the motion ends with a message.
 """
@@ -304,9 +304,10 @@ class StepControl:
         self._halvings = 0
         self.step = self.shortest = self._longest
         self.why = ""
-        self._F: Array | None = None  # at the last check
+        self._before: Kinematics | None = None  # at the last check
         self._drift: Drift | None = None
-        if motion.own is not None and options.time_step is None and loads_conserve(motion.model):
+        touches = motion.model.surface is not None
+        if touches and options.time_step is None and loads_conserve(motion.model):
             self._drift = Drift(loses(motion.model))
         self._set_watch()
 
@@ -336,7 +337,7 @@ class StepControl:
         self.step = state["step"]
         self.shortest = state["shortest"]
         self.why = state.get("why", "as before")
-        self._F = None
+        self._before = None
         if self._drift is not None and "drift_least" in state:
             self._drift = Drift(**{name: state[f"drift_{name}"] for name in vars(self._drift)})
         self._set_watch()
@@ -361,10 +362,12 @@ class StepControl:
         watch = self._motion.watch
         watch[QUICKEST] = 0.0
         kept = motion.kept()
-        before = motion.particles()[2] if self._F is None else self._F
+        before = self._before or motion.kinematics()
+        if self._drift is not None and math.isnan(self._drift.last):
+            self._drift.passes(self._total(named, before, time), before.kinetic)
         taken, _ = take(motion, named, steps, dt)
         now = motion.kinematics() if watch[WHY] == GOING else None
-        changed = 0.0 if now is None else float(np.abs(now.F - before).max()) / max(taken, 1)
+        changed = 0.0 if now is None else float(np.abs(now.F - before.F).max()) / max(taken, 1)
         trouble = None
         if watch[WHY] in (QUICK, BROKEN) or changed > MOST_CHANGE_OF_STIFFNESS:
             trouble = self._halve(changed)
@@ -383,17 +386,21 @@ class StepControl:
             self._choose()
         if self._drift is not None and now is not None and trouble is None:
             finer = self._drift.finer
-            total = sum(measure(motion, named, now, time + taken * dt).energies.values())
+            total = self._total(named, now, time + taken * dt)
             if not self._drift.passes(total, now.kinetic):
                 taken = 0
                 now = None
                 motion.rewind(kept)
-                self.why = "where the body touches itself longer steps would change its energy"
+                self.why = "where the body touches something longer steps would change its energy"
             if self._drift.finer != finer:
                 self._choose()
         now = now or motion.kinematics()
-        self._F = now.F
+        self._before = now
         return taken, now, trouble
+
+    def _total(self, named: Records, now: Kinematics, time: float) -> float:
+        """The sum of all energies, J."""
+        return sum(measure(self._motion, named, now, time).energies.values())
 
     def at_frame(self) -> None:
         """Find the bound again if the body is softer than when the steps were shortened."""

@@ -20,7 +20,7 @@ from numba import carray, types
 from magmpm.compiled.arrays import Index
 from magmpm.compiled.by_address import address, call, floats, numbers
 from magmpm.compiled.cache import c_functions
-from magmpm.compiled.jit import C_OPTIONS, compiled, inlined, inner
+from magmpm.compiled.jit import C_OPTIONS, compiled, compiled_elsewhere, inlined, inner
 from magmpm.compiled.simd import WIDTH, larger, store
 from magmpm.compiled.simd import load as lanes_at
 from magmpm.compiled.simd_views import matrix, row, vector
@@ -351,9 +351,9 @@ def pushes(rows, step, given, groups, x, mass, first, depth, f):
     call_each(rows, step, 0, groups, 0.0, address(given, 0))
 
 
-@inner
-def pushes_on(rows, x, mass, depth, f):
-    """Do the same for points one after another: x (n, 3) m, mass (n,) kg, depth (n,) m, f (n, PARTS)."""
+@compiled_elsewhere
+def pushes_on(rows, x, mass):
+    """Depth (n,) m and push (n, PARTS), as of `pushes`, of points x (n, 3) m of mass (n,) kg."""
     groups = -(-len(x) // WIDTH)
     places = np.zeros((groups, 3, WIDTH))
     masses = np.zeros(WIDTH * groups)
@@ -363,9 +363,10 @@ def pushes_on(rows, x, mass, depth, f):
         masses[p] = mass[p]
         places[p // WIDTH, :, p % WIDTH] = x[p]
     pushes(rows, 0, given_for(), groups, places.reshape(-1), masses, 0, found, pushed.reshape(-1))
+    f = np.empty((len(x), PARTS))
     for p in range(len(x)):
-        depth[p] = found[p]
         f[p] = pushed[p // WIDTH, :, p % WIDTH]
+    return found[: len(x)], f
 
 
 class Function(NamedTuple):

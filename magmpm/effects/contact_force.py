@@ -8,7 +8,8 @@ sticks grow by 1e-4 a step. What sticks does not creep, and what rolls loses not
 Sources: Moreau, in Nonsmooth Mechanics and Applications, CISM 302 (1988) 1, the law for velocities at the end of a step; Jean, CMAME 177
 (1999) 235, its solution point by point.
 
-Of one point, or of eight in lanes, `push` and `own_grip` are the same. Hooks add to f (PARTS,): f[:3] the push, N; f[GRIP] the friction that it allows, N; f[RIGIDITY] the stiffness of what pushes, N/m.
+Hooks add to f (PARTS,): f[:3] the push, N; f[GRIP] the friction that it allows, N; f[RIGIDITY] the stiffness of what pushes, N/m. `push`
+and `own_grip` serve one point, or eight in lanes.
 """
 
 import math
@@ -27,9 +28,10 @@ LEAST_FRICTION = 1e-9  # of the largest friction: a point with so little less sl
 
 @inlined
 def push(depth, s0, s1, s2, rigidity, friction, f):
-    """f += the push at a depth (m), its grip and rigidity: nothing where it is not above 0. s: slope of the distance out of the obstacle; rigidity: as of `spring`.
+    """f += the push at a depth (m), its grip and rigidity: nothing where it is not above 0.
 
-    Times the slope's size, which a table has near 1: the exact slope of the energy.
+    s: slope of the distance out of the obstacle; rigidity: as of `spring`. The push is
+    times the slope's size, which a table has near 1: the exact slope of the energy.
     """
     normal = rigidity * larger(depth, 0.0)
     f[0] += normal * s0

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
 from magmpm.effects.calls import pushes_on, rows
-from magmpm.effects.contact_force import GRIP, LEAST_FRICTION, PARTS, RIGIDITY, own_grip
+from magmpm.effects.contact_force import GRIP, LEAST_FRICTION, RIGIDITY
 from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import PAIR, SceneError, dotted
 
@@ -108,44 +107,29 @@ def place(model: Any, point: Array) -> str:
     return f"{region.name} ({dotted(('body', *region.at))}), at ({at}) mm"
 
 
-@compiled_elsewhere
-def _touching(calls, x, mass, friction, pull, most, force):
-    """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N that on all points.
-
-    Where several points or obstacles share a friction `pull`, each has the part of it that its push has of the largest friction, `most`.
-    A point that slides has the friction of its present push.
-    """
-    count = 0
-    worst = -1
-    deepest = 0.0
-    energy = 0.0
-    pushed = np.empty((len(mass), PARTS))
-    found = np.empty(len(mass))
-    pushes_on(calls, x, mass, found, pushed)
-    for p in range(len(mass)):
-        depth = found[p]
-        if depth > 0.0:
-            f = pushed[p]
-            own_grip(friction[p], f)
-            size = math.sqrt(pull[p, 0] ** 2 + pull[p, 1] ** 2 + pull[p, 2] ** 2)
-            share = f[GRIP] / most[p] if most[p] > 0.0 else 0.0
-            if size < (1.0 - LEAST_FRICTION) * most[p]:  # it sticks: what holds it does not grow
-                share = min(share, 1.0)
-            for i in range(3):
-                force[i] += f[i] + share * pull[p, i]
-            count += 1
-            if depth > deepest:
-                worst = p
-                deepest = depth
-            energy += 0.5 * f[RIGIDITY] * depth * depth
-    return count, worst, deepest, energy
+def grips(f: Array, friction: Array) -> Array:
+    """Friction (n,) N that pushes f (n, PARTS) allow; friction (n,): of the points' own material, nan where the obstacle's counts."""
+    return np.where(friction >= 0.0, friction * np.linalg.norm(f[:, :3], axis=1), f[:, GRIP])
 
 
 def contact_of(named: Records, touching: Touching) -> Contact:
-    """Contact of points; named: of one effect."""
-    force = np.zeros(3)
-    count, _, depth, energy = _touching(rows(named, "contact"), *touching, force)
-    return Contact(force=force, count=count, depth=depth, energy=energy)
+    """Contact of points; named: of one effect.
+
+    Where several points or obstacles share a friction, each has the part of it that its push has of the largest friction. A point that
+    slides has the friction of its present push; what holds one that sticks does not grow.
+    """
+    x, mass, friction, pull, most = touching
+    depth, f = pushes_on(rows(named, "contact"), x, mass)
+    on = depth > 0.0
+    share = np.divide(grips(f, friction), most, out=np.zeros_like(most), where=most > 0.0)
+    sticks = np.linalg.norm(pull, axis=1) < (1.0 - LEAST_FRICTION) * most
+    share = np.where(sticks, np.minimum(share, 1.0), share)
+    return Contact(
+        force=(f[:, :3] + share[:, None] * pull)[on].sum(axis=0),
+        count=int(on.sum()),
+        depth=float(depth.max(initial=0.0)),
+        energy=0.5 * float(f[on, RIGIDITY] @ depth[on] ** 2),
+    )
 
 
 def obstacle_contacts(
@@ -217,18 +201,19 @@ class Obstacle(Effect):
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
         still = at_rest(model.surface.place, model.surface.mass)
-        calls = rows(self.records(model.scene), "contact")
-        _, point, depth, energy = _touching(calls, *still, np.zeros(3))
+        named = self.records(model.scene)
+        found = contact_of(named, still)
         mass = float(model.density @ model.particles.volume)
-        speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
+        speed = math.sqrt(2.0 * found["energy"] / mass) if mass > 0 else 0.0
         if speed > THROWN:
+            depth, _ = pushes_on(rows(named, "contact"), still.x, still.mass)
             raise SceneError(
                 f"effects.{self.key()}",
                 found=(
-                    f"initial overlap of {1e3 * depth:.3g} mm with {self.WORDS} in "
-                    f"{place(model, still.x[point])}: contact would eject the body at {speed:.2g} "
+                    f"initial overlap of {1e3 * depth.max():.3g} mm with {self.WORDS} in "
+                    f"{place(model, still.x[depth.argmax()])}: contact would eject the body at {speed:.2g} "
                     "m/s"
                 ),
                 rule="a body must start clear of it, or just touching",
-                remedy=f"{self.CLEAR}, by {1e3 * depth:.3g} mm or more",
+                remedy=f"{self.CLEAR}, by {1e3 * depth.max():.3g} mm or more",
             )

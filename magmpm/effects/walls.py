@@ -46,7 +46,7 @@ def parameters(table: DistanceTable, **pushing: float) -> Records:
     """Parameters for the kernels: see contact_force.push."""
     return obstacle_record(
         DTYPE,
-        table.coefficients.ravel(),
+        table.flat,
         origin=table.origin,
         spacing=table.spacing,
         shape=table.coefficients.shape,
@@ -269,18 +269,17 @@ def _surface_table(surface: Surface, spacing: float) -> DistanceTable:
 
 @inlined
 def _place(effect, x):
-    """Place of x in points of the table from its first."""
+    """Place of x in points of the table from its first; the table's spacing, m, and shape."""
     o = effect.walls_origin
     s = effect.walls_spacing
-    return (x[0] - o[0]) / s, (x[1] - o[1]) / s, (x[2] - o[2]) / s
+    planes, rows, columns = effect.walls_shape
+    return (x[0] - o[0]) / s, (x[1] - o[1]) / s, (x[2] - o[2]) / s, s, (planes, rows, columns)
 
 
 @inlined
 def depth(effect, data, x):
     """Distance (m) of a point x beyond the wall, negative inside, -inf past the table; slope of the distance, inwards."""
-    planes, rows, columns = effect.walls_shape
-    p, q, r = _place(effect, x)
-    room, sx, sy, sz = value(p, q, r, effect.walls_spacing, (planes, rows, columns), data)
+    room, sx, sy, sz = value(*_place(effect, x), data)
     return -room, sx, sy, sz
 
 
@@ -299,10 +298,7 @@ def touch(effect, data, x, mass, f, H):
     if not beyond > 0.0:
         return 0.0
     rigidity = mass * effect.walls_stiffness
-    planes, rows, columns = effect.walls_shape
-    p, q, r = _place(effect, x)
-    shape = (planes, rows, columns)
-    xx, yy, zz, xy, xz, yz = curvature(p, q, r, effect.walls_spacing, shape, data)
+    xx, yy, zz, xy, xz, yz = curvature(*_place(effect, x), data)
     bent = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     for i in range(3):
         for j in range(3):

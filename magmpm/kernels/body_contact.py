@@ -348,13 +348,12 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
             both, 1, along_x, along_y, push, correction, state.v
         )
         v = (x - there_x, y - there_y, z - there_z)
-        f0, f1, f2 = rubbed(memory, at + FRICTION, v, 1.0 / (push * give))
-        memory[at + FORCE] += f0
-        memory[at + FORCE + 1] += f1
-        memory[at + FORCE + 2] += f2
+        f = rubbed(memory, at + FRICTION, v, 1.0 / (push * give))
+        for i in range(3):
+            memory[at + FORCE + i] += f[i]
         on = (along_x, along_y, push, correction, inverse_mass)
-        quicken(both, 0, *on, (f0, f1, f2), state.v)
-        quicken(both, 1, *on, (-f0, -f1, -f2), state.v)
+        quicken(both, 0, *on, f, state.v)
+        quicken(both, 1, *on, (-f[0], -f[1], -f[2]), state.v)
 
 
 @compiled

@@ -33,7 +33,7 @@ def _components(low, last):
 
 @inlined
 def gather_value(field, node, along_x, along_y, splines, first, value, to):
-    """Value (3 8,), from index `to` on, of a nodal field (3 nodes,) at a group of eight places in a cell, whose splines begin at splines[first]."""
+    """Value (3 8,), from index `to` on, of a nodal field (3 nodes,) at eight places in a cell, whose splines begin at splines[first]."""
     zero = splat(0.0)
     u0 = zero
     u1 = zero

@@ -119,8 +119,9 @@ def touch(slab, step, surface, cells, state, calls, slabs):
             for i in range(3):
                 rest = load(surface.rest, WIDTH * (3 * (begun + group) + i))
                 store(moved, to + WIDTH * i, load(moved, to + WIDTH * i) + rest)
-        heft = (surface.layer, WIDTH * begun)
-        pushes(calls.contact, step, given, groups, moved, *heft, found, pushed)
+        pushes(
+            calls.contact, step, given, groups, moved, surface.layer, WIDTH * begun, found, pushed
+        )
         high = load(found, 0)
         low = high
         for group in range(1, groups):

@@ -19,7 +19,7 @@ from magmpm.compiled.jit import compiled, inlined, inner, task_body
 from magmpm.compiled.parallel import once, over_parts, over_slabs, parts_of, task
 from magmpm.compiled.simd import (
     WIDTH,
-    flag_unless_positive,
+    above,
     larger,
     load,
     smaller,
@@ -308,7 +308,7 @@ def grid_to_particles(cell, begun, cells, particles, state, room, least, bad):
         det = group_determinant(F, at)
         store(J, 8 * (group - zero), det)
         least = smaller(det, least)
-        bad = flag_unless_positive(det, bad)
+        bad = above(det, 0.0, bad, 1.0)  # (the compiler would replace a - a by 0)
         _project(particles, group, det, c, moment)
     return least, bad
 

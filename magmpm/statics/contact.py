@@ -23,11 +23,10 @@ import numpy as np
 
 from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.compiled.arrays import Array, Index, Mask
-from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.calls import pushes_on, rows
-from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
-from magmpm.effects.contact_law import obstacle_contacts
+from magmpm.effects.contact_force import RIGIDITY
+from magmpm.effects.contact_law import grips, obstacle_contacts
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
@@ -50,13 +49,16 @@ def held_at(
     effects: Records, x: Array, mass: Array, friction: Array, begun: tuple[Array, Held] | None
 ) -> Held:
     """Find how obstacles hold points at x (n, 3) m; begun: where and how they were as the increment began, or None."""
-    f = np.zeros((len(x), PARTS))
-    met = np.ones(len(x))
-    _grips(rows(effects, "contact"), x, x if begun is None else begun[0], mass, friction, f, met)
-    grip = f[:, GRIP]
+    calls = rows(effects, "contact")
+    depth, f = pushes_on(calls, x, mass)
+    grip = np.where(depth > 0.0, grips(f, friction), 0.0)
     anchor = x
     if begun is not None:
         was, held = begun
+        before, _ = pushes_on(calls, was, mass)
+        ratio = np.full_like(depth, -np.inf)  # of what touched before
+        np.divide(np.maximum(depth, 0.0), before, out=ratio, where=before < 0.0)
+        met = 1.0 / (1.0 - ratio)  # the share of the way from there that was clear
         anchor = np.where((held.grip > 0)[:, None], held.anchor, was + met[:, None] * (x - was))
     size = np.linalg.norm(f[:, :3], axis=1)
     normal = f[:, :3] / np.maximum(size, 1e-300)[:, None]
@@ -97,20 +99,6 @@ def _stretch(held: Held, x: Array) -> tuple[Array, Array]:
     s = x - held.anchor
     s -= np.einsum("ni,ni->n", s, held.normal)[:, None] * held.normal
     return s, held.stiffness * np.linalg.norm(s, axis=1)
-
-
-@compiled
-def _grips(calls, x, was, mass, friction, f, met):  # type: ignore[no-untyped-def]
-    """Write the grip of points at x (n, 3) m to f (n, PARTS), and which share of the way from `was` was clear to met (n,)."""
-    n = len(x)
-    depth = np.empty(n)
-    before = np.empty(n)
-    pushes_on(calls, was, mass, before, f)
-    pushes_on(calls, x, mass, depth, f)
-    for p in range(n):
-        if depth[p] > 0.0:
-            met[p] = 0.0 if before[p] >= 0.0 else 1.0 / (1.0 - depth[p] / before[p])
-            own_grip(friction[p], f[p])
 
 
 class Touched(NamedTuple):

@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects.base import Contact
-from magmpm.effects.contact_law import stiffness_of
 from magmpm.kernels.body_contact import RestingPlaces, add_pairs_tangent, places_at_rest
 from magmpm.model import Model
 from magmpm.statics.contact import Held, add_springs, followed
-from magmpm.statics.surface_pairs import SurfacePairs, begun
+from magmpm.statics.surface_pairs import SurfacePairs
 
 CORNERS = np.stack(np.meshgrid(*3 * (np.arange(3),), indexing="ij"), -1).reshape(27, 3)
 
@@ -292,12 +291,9 @@ class RestingPairs(SurfacePairs):
 
     def __init__(self, model: Model, still: bool) -> None:
         """still: as of SurfacePairs."""
-        effect = model.scene.effects.self_contact
         surface = model.surface
-        assert effect is not None  # layout has looked
-        assert surface is not None
-        law = np.array([stiffness_of(model.scene, effect.stiffness), effect.friction])
-        super().__init__(model, np.arange(len(surface.mass)), law, still=still)
+        assert surface is not None  # layout has looked
+        super().__init__(model, np.arange(len(surface.mass)), still=still)
         _, ny, nz = self.nodes
         strides = np.array([ny * nz, nz, 1])
         self._strides = strides
@@ -346,11 +342,7 @@ class RestingPairs(SurfacePairs):
         point, nearest, _ = self.near(x)
         solid = self.solid[nearest]
         n = len(point)
-        other = self.solid[point] != solid
-        start = np.zeros(n)
-        # as bodies begin clear of each other, this is the error of a table; and rounding
-        start[other] = begun(self.solids, solid[other], self.place[point[other]])
-        start[other] -= 1e-12 * self.cell
+        start = self.begun(point, nearest)
         places = RestingPlaces(
             depth=np.zeros(n),
             X=self.place[nearest],
@@ -391,7 +383,7 @@ class RestingPairs(SurfacePairs):
         lean[:, 27:] = np.einsum("tji,taj->tai", at.inverse, gradient)
         there = self.cells.node[at.cell][:, None] + CORNERS @ self._strides
         node = self._number[np.concatenate([self._point_node[point], there], axis=1)]
-        rigidity = self.cells.share[at.cell] * self.mass[point] * self.law[0]
+        rigidity = self.rigidity(at.cell, point)
         share = np.concatenate([self._point_share[point], -own], axis=1)
         named = np.fmin(self._friction[point], self.cells.friction[at.cell])
         return OwnContacts(

@@ -13,11 +13,11 @@ import numpy as np
 from magmpm.bodies.contact_solid import solid_distance
 from magmpm.bodies.grid import each_node
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inner
 from magmpm.effects.base import Contact
-from magmpm.effects.contact_law import own_friction
+from magmpm.effects.contact_law import own_friction, stiffness_of
 from magmpm.errors import PAIR
-from magmpm.kernels.body_contact import SolidCells
+from magmpm.kernels.body_contact import PLACE_TOLERANCE, SolidCells
 from magmpm.model import Model
 
 if TYPE_CHECKING:
@@ -44,11 +44,13 @@ class SurfacePairs:
     names one; cell: m.
     """
 
-    def __init__(self, model: Model, on: Index, law: Array, *, still: bool = False) -> None:
+    def __init__(self, model: Model, on: Index, *, still: bool = False) -> None:
         """on: the order of the surface's points; still: held parts see no node, and stay where they are."""
         surface = model.surface
+        effect = model.scene.effects.self_contact
         assert surface is not None  # of a scene that names self_contact
-        self.law = law
+        assert effect is not None
+        self.law = np.array([stiffness_of(model.scene, effect.stiffness), effect.friction])
         self.mass = surface.mass[on]
         self.cell = float(model.grid.spacing.min())
         self.solids = model.scene.body.shape.solids(self.cell, model.particles)
@@ -146,6 +148,21 @@ class SurfacePairs:
             found[name] = (one, here, weight)
         return found
 
+    def begun(self, point: Index, nearest: Index) -> Array:
+        """Distance (n,) m, 0 or less, at which points begin to touch the solids of the nearest ones. As bodies begin clear of each other,
+        that is the error of a table, up to 0.005 cells, and rounding: taken off, what touches at the start is not pushed.
+        """
+        found = np.zeros(len(point))
+        other = self.solid[point] != self.solid[nearest]
+        there = self.solid[nearest][other]
+        found[other] = _inside(self.solids, there, self.place[point[other]])
+        found[other] -= PLACE_TOLERANCE * self.cell
+        return found
+
+    def rigidity(self, cell: Index, point: Index) -> Array:
+        """Stiffness (n,) N/m of what pushes points in cells of solids."""
+        return self.cells.share[cell] * self.mass[point] * self.law[0]
+
     def parts_at(self, solid: Index, X: Array) -> Index:
         """Part or segment (t,) of places X (t, 3) m in undeformed solids (t,): that of the nearest point of each solid's surface."""
         return np.asarray(self.part[self._nearby.query(self._apart(solid, X))[1]])
@@ -240,15 +257,24 @@ def _patches(at: Index, cells: Index) -> tuple[Index, Index, Index]:
 
 
 @compiled
-def begun(solids, solid, place):  # type: ignore[no-untyped-def]
-    """Distance (n,) m of places (n, 3) m of undeformed points in undeformed solids (n,), 0 outside. As bodies begin clear of each other,
-    that is the error of a table, up to 0.005 cells: taken off, what touches at the start is not pushed.
-    """
+def _inside(solids, solid, place):  # type: ignore[no-untyped-def]
+    """Distance (n,) m of places (n, 3) m of undeformed points in undeformed solids (n,), 0 outside."""
     found = np.empty(len(solid))
     normal = np.empty(3)
     for k in range(len(solid)):
         found[k] = min(solid_distance(solids, solid[k], place[k], normal), 0.0)
     return found
+
+
+@inner
+def _apart(cell, center, a, b):  # type: ignore[no-untyped-def]
+    """Square (m^2) of the distance of two patches' centers, and whether they are of one component and share a node."""
+    beside = cell[a, 0] == cell[b, 0]
+    apart = 0.0
+    for i in range(3):
+        beside = beside and abs(cell[a, 1 + i] - cell[b, 1 + i]) <= 2
+        apart += (center[a, i] - center[b, i]) ** 2
+    return apart, beside
 
 
 @compiled
@@ -264,11 +290,7 @@ def _nearest(  # type: ignore[no-untyped-def]
     for k in range(2 * len(pairs)):
         a = pairs[k // 2, k % 2]
         b = pairs[k // 2, 1 - k % 2]
-        beside = cell[a, 0] == cell[b, 0]
-        apart = 0.0
-        for i in range(3):
-            beside = beside and abs(cell[a, 1 + i] - cell[b, 1 + i]) <= 2
-            apart += (center[a, i] - center[b, i]) ** 2
+        apart, beside = _apart(cell, center, a, b)
         if beside or apart > (reach + radius[a] + radius[b]) ** 2:
             continue
         for i in range(first[a], first[a + 1]):
@@ -299,13 +321,8 @@ def _clear(cell, center, radius, mean, spread, passed):  # type: ignore[no-untyp
     least = 1.0
     for a in range(len(cell)):
         for b in range(a):
-            beside = cell[a, 0] == cell[b, 0]
-            apart = 0.0
-            way = 0.0
-            for i in range(3):
-                beside = beside and abs(cell[a, 1 + i] - cell[b, 1 + i]) <= 2
-                apart += (center[a, i] - center[b, i]) ** 2
-                way += (mean[a, i] - mean[b, i]) ** 2
+            apart, beside = _apart(cell, center, a, b)
+            way, _ = _apart(cell, mean, a, b)
             way = np.sqrt(way) + spread[a] + spread[b]
             if beside or way <= passed:
                 continue
