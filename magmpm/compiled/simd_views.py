@@ -17,16 +17,16 @@ from magmpm.compiled.simd import WIDTH, lanes
 _POINTER = ir.DoubleType().as_pointer()
 
 
-class View(types.Type):  # type: ignore[misc]
+class IndexedView(types.Type):  # type: ignore[misc]
     """Type of a vector or (3, 3) matrix, by its number of indices, of lanes or of floats that follow each other."""
 
     def __init__(self, indices: int, of: types.Type) -> None:
         self.indices = indices
         self.of = of
-        super().__init__(name=f"View{indices}of{of}")
+        super().__init__(name=f"IndexedView{indices}of{of}")
 
 
-@register_model(View)
+@register_model(IndexedView)
 class _ViewModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, fe_type: Any) -> None:
         super().__init__(manager, fe_type, _POINTER)
@@ -41,11 +41,11 @@ def _view(kind: types.Type) -> Any:
 
 
 # vector(array, index): the lanes from array[index] on, of a flat array; matrix: nine lanes, row by row
-vector = _view(View(1, lanes))
-matrix = _view(View(2, lanes))
+vector = _view(IndexedView(1, lanes))
+matrix = _view(IndexedView(2, lanes))
 # row(array, index): the floats array[index], array[index + 1], ..., for hooks that branch. A slice of an array would work too, but
 # counting references to it costs more than a contact, and ten times as much as the damping of a node.
-row = _view(View(1, types.float64))
+row = _view(IndexedView(1, types.float64))
 
 
 def _entry(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -67,7 +67,7 @@ def _entry(context: Any, builder: Any, signature: Any, values: Any) -> Any:
 
 
 def _indexes(kind: Any, index: Any) -> bool:
-    if not isinstance(kind, View):
+    if not isinstance(kind, IndexedView):
         return False
     if kind.indices == 1:
         return isinstance(index, types.Integer)
@@ -88,14 +88,14 @@ type_callable(operator.setitem)(
 )
 
 
-@lower_builtin(operator.getitem, View, types.Any)
+@lower_builtin(operator.getitem, IndexedView, types.Any)
 def _getitem(context, builder, signature, values):
     loaded = builder.load(_entry(context, builder, signature, values))
     loaded.align = 8
     return loaded
 
 
-@lower_builtin(operator.setitem, View, types.Any, types.Any)
+@lower_builtin(operator.setitem, IndexedView, types.Any, types.Any)
 def _setitem(context, builder, signature, values):
     stored = builder.store(values[2], _entry(context, builder, signature, values))
     stored.align = 8

@@ -306,7 +306,7 @@ class StepControl:
         self.why = ""
         self._before: Kinematics | None = None  # at the last check
         self._drift: Drift | None = None
-        touches = motion.model.surface is not None
+        touches = motion.own or motion.model.surface
         if touches and options.time_step is None and loads_conserve(motion.model):
             self._drift = Drift(loses(motion.model))
         self._set_watch()
@@ -363,8 +363,6 @@ class StepControl:
         watch[QUICKEST] = 0.0
         kept = motion.kept()
         before = self._before or motion.kinematics()
-        if self._drift is not None and math.isnan(self._drift.last):
-            self._drift.passes(self._total(named, before, time), before.kinetic)
         taken, _ = take(motion, named, steps, dt)
         now = motion.kinematics() if watch[WHY] == GOING else None
         changed = 0.0 if now is None else float(np.abs(now.F - before.F).max()) / max(taken, 1)
@@ -386,7 +384,7 @@ class StepControl:
             self._choose()
         if self._drift is not None and now is not None and trouble is None:
             finer = self._drift.finer
-            total = self._total(named, now, time + taken * dt)
+            total = sum(measure(motion, named, now, time + taken * dt).energies.values())
             if not self._drift.passes(total, now.kinetic):
                 taken = 0
                 now = None
@@ -397,10 +395,6 @@ class StepControl:
         now = now or motion.kinematics()
         self._before = now
         return taken, now, trouble
-
-    def _total(self, named: Records, now: Kinematics, time: float) -> float:
-        """The sum of all energies, J."""
-        return sum(measure(self._motion, named, now, time).energies.values())
 
     def at_frame(self) -> None:
         """Find the bound again if the body is softer than when the steps were shortened."""

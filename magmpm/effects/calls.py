@@ -341,11 +341,12 @@ def points_from(given, x, mass, value, f):
 
 
 @inner
-def pushes(rows, step, given, groups, x, mass, first, depth, f):
+def pushes(rows, step, given, groups, x, layer, depth, f):
     """Write to depth (groups 8,) the largest depth (m) of points x (groups 3 8,) m in what acts: -inf without rows, or where that is
-    unknown; and to f (groups PARTS 8,) the push of all. Their mass, kg, from mass[first] on."""
+    unknown; and to f (groups PARTS 8,) the push of all. layer: an array with their mass, kg, and where it begins there."""
     depth[: WIDTH * groups] = -np.inf
     f[: PARTS * WIDTH * groups] = 0.0
+    mass, first = layer
     points_from(given, x, mass, depth, f)
     given[0].mass = address(mass, first)
     call_each(rows, step, 0, groups, 0.0, address(given, 0))
@@ -362,7 +363,7 @@ def pushes_on(rows, x, mass):
     for p in range(len(x)):
         masses[p] = mass[p]
         places[p // WIDTH, :, p % WIDTH] = x[p]
-    pushes(rows, 0, given_for(), groups, places.reshape(-1), masses, 0, found, pushed.reshape(-1))
+    pushes(rows, 0, given_for(), groups, places.reshape(-1), (masses, 0), found, pushed.reshape(-1))
     f = np.empty((len(x), PARTS))
     for p in range(len(x)):
         f[p] = pushed[p // WIDTH, :, p % WIDTH]

@@ -119,9 +119,8 @@ def touch(slab, step, surface, cells, state, calls, slabs):
             for i in range(3):
                 rest = load(surface.rest, WIDTH * (3 * (begun + group) + i))
                 store(moved, to + WIDTH * i, load(moved, to + WIDTH * i) + rest)
-        pushes(
-            calls.contact, step, given, groups, moved, surface.layer, WIDTH * begun, found, pushed
-        )
+        layer = (surface.layer, WIDTH * begun)
+        pushes(calls.contact, step, given, groups, moved, layer, found, pushed)
         high = load(found, 0)
         low = high
         for group in range(1, groups):

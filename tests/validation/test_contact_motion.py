@@ -16,7 +16,7 @@ from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.curves import curve
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.dynamics import energies
-from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.time_loop import begin, interval
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.model import Model, build
 from magmpm.scene import load_scene
@@ -313,6 +313,36 @@ def test_a_flat_face_that_lands_keeps_its_energy(safety: float) -> None:
             F = motion.particles()[2]
             after.append(motion.kinetic_energy() + energies.elastic_energy(model, F))
         assert -0.01 < np.mean(after) / before - 1 < 0.005
+
+
+def test_a_motion_that_lands_flat_keeps_its_energy() -> None:
+    """The same cube, as the loop over time moves it: it looks at the sum of all energies. Steps all alike have up to 1.2 % more.
+
+    Within 0.8 %: the watch allows 0.76, and the motion promises 1.
+    """
+    edge = 4e-3
+    speed = 2.0
+    wave = np.sqrt(1e5 * (20 + 4 / 3) / DENSITY)  # m/s
+    for part in range(6):
+        gap = 0.1e-3 + 0.08e-3 * part  # a step goes 0.04 mm
+        cube = block((edge, edge, edge), position=[0.0, 0.0, edge / 2 + gap])
+        model = build(
+            moving_scene(cube, {"ground": {"point": [0.0, 0.0, 0.0]}}, cells=4, shear=1e5)
+        )
+        begun = begin(model)
+        motion = begun.motion
+        motion.v.reshape(-1, 3)[:, 2] = -speed * (motion.packed.nodes.inverse_mass[::3] > 0)
+        before = motion.kinetic_energy()
+        interval(begun, 0.5 * gap / speed)
+        interval(begun, 2 * gap / speed + 7 * edge / wave)
+        at = model.scene.effects.ground.report(model, motion.touching_points())
+        assert at["count"] == 0
+        after = []
+        for _ in range(20):
+            interval(begun, begun.time + 3 * begun.dt)
+            F = motion.particles()[2]
+            after.append(motion.kinetic_energy() + energies.elastic_energy(model, F))
+        assert abs(np.mean(after) / before - 1) < 0.008
 
 
 def with_ball(folder: Path, mesh: Mesh, effects: dict[str, Any], **more: Any) -> Model:
