@@ -300,6 +300,7 @@ class RodForetells:
         self._problem = problem
         self.unloaded = root_mean_square(self._gaps(space.scene.with_field(np.zeros(3))))
         self._made: dict[float, Any] = {}  # designs and what they became, last, by bound
+        self._foretold: dict[Any, Array | None] = {}  # residuals: a plan goes through all trials
 
     @classmethod
     def of(cls, space: SearchSpace, target: Array) -> RodForetells | None:
@@ -344,6 +345,12 @@ class RodForetells:
         array (3 m,), m, or None
             Gaps over the root of m; None where the rod finds no equilibrium.
         """
+        key = tuple(sorted(design.items()))
+        if key not in self._foretold:
+            self._foretold[key] = self._residuals(design)
+        return self._foretold[key]
+
+    def _residuals(self, design: Mapping[str, float]) -> Array | None:
         try:
             gaps = self._gaps(self._space.scene_of(design))
         except SolveError:
