@@ -4,9 +4,12 @@ One magnetization serves all depths, and each depth has a field of its own; both
 stay where its tip has been, so what bends the tip at one depth must hold that bend further back at the next. One minute.
 """
 
+import shutil
+
 import numpy as np
 
 from magmpm import Catheter, Gravity, MagneticTorque, Material, Result, Scene, Segment, design
+from magmpm.cli import main as command
 
 LENGTH = 48e-3  # m
 
@@ -47,9 +50,10 @@ def main(folder="runs/insertion", depths=8, trials=4, cells=3):
 
 
 if __name__ == "__main__":
-    best, result = main()
+    best, _ = main()
     for row in best["insertion"]:
         print(
             f"{1e3 * row['depth_m']:5.1f} mm: field {np.round(1e3 * np.array(row['field_T']), 2)} mT"
         )
-    result.render("insertion.png", target=path())
+    command(["render", "runs/insertion"])  # the same as `magmpm render runs/insertion` in a shell
+    shutil.copy("runs/insertion/best.png", "insertion.png")

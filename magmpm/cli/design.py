@@ -298,10 +298,12 @@ def saved_report(folder: Path) -> dict[str, Any]:
 
 def saved_target(folder: Path) -> np.ndarray | None:
     """The target that a study's folder holds, rows [s, x, y, z], m."""
-    path = folder / "target.csv"
+    from magmpm.inputs.csv_tables import read_centreline
+    from magmpm.studies.problem import TARGET
+
+    path = folder / TARGET
     if not path.exists():
         return None
-    from magmpm.inputs.csv_tables import read_centreline
 
     return np.asarray(read_centreline(path))
 
@@ -318,7 +320,6 @@ def draw_study(
     note: Callable[[str], object] = lambda text: None,
 ) -> list[Path]:
     """best.png, convergence.png and best_shapes.mp4 of a study's folder. note: is told what is being drawn."""
-    from magmpm.inputs.csv_tables import write_centreline
     from magmpm.results.result import Result
     from magmpm.studies.engine.records import BEST, DESIGN, IMPROVEMENTS, read_design
     from magmpm.viz import plots
@@ -327,8 +328,6 @@ def draw_study(
     from magmpm.viz.style import FINAL_SIZE
 
     out = out or folder
-    if target is not None:
-        write_centreline(folder / "target.csv", target)
 
     def snapshot(of: Path) -> Snapshot:
         known = read_design(of)

@@ -20,6 +20,7 @@ from optuna.samplers import BaseSampler
 from optuna.trial import TrialState
 
 from magmpm.errors import InputError
+from magmpm.inputs.csv_tables import write_centreline
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
 from magmpm.studies.engine import records, report
@@ -56,6 +57,7 @@ from magmpm.studies.evaluate.trial import (
     needs_derivatives,
     silent,
 )
+from magmpm.studies.problem import TARGET
 from magmpm.studies.rods.exchanges import next_exchange
 from magmpm.studies.rods.rod_designs import RodForetells
 from magmpm.studies.search.definition import Study
@@ -238,6 +240,7 @@ def run_study(
             found, artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings]
         )
         summary.save()
+        write_centreline(folder / TARGET, study.target)  # for pictures that are drawn later
     return summary
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import magmpm
+from magmpm.cli.design import saved_target
 from tests.end_to_end.small_study import finished, study_file
 
 ROOT = Path(__file__).parents[2]
@@ -160,6 +161,9 @@ def test_a_study_is_made_of_a_dict(tmp_path: Path) -> None:
     assert file.name == "short.yaml"
     assert magmpm.load_scene(file.parent / "files/scene.yaml") == scene
     assert magmpm.design(file, folder=tmp_path / "shape").best == report.best
+    beside = saved_target(tmp_path / "shape")  # what `magmpm render` draws beside the best design
+    assert beside is not None
+    np.testing.assert_allclose(beside[:, 1:], straight, atol=1e-9)
     with pytest.raises(magmpm.InputError, match="another"):
         magmpm.design({**shape, "match": {"centreline": 0.9 * straight}}, folder=tmp_path / "shape")
     assert magmpm.design(shape, folder=tmp_path / "shape").best == report.best
