@@ -289,6 +289,18 @@ def fit(
         As the command does, also where the measurements can't distinguish constants.
     SolveError
         Where no equilibrium is found.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import magmpm
+    >>> scene = magmpm.load_scene("data/scenes/axial_transverse.yaml").with_cells(2)
+    >>> rows = ["field_z_mT,tip_x_mm,tip_z_mm", "1,39.57,5.35", "3,36.84,14.21"]
+    >>> _ = Path("tips.csv").write_text("\\n".join(rows))
+    >>> found = magmpm.fit("tips.csv", scene, vary=["shear_modulus"], noise=0.2e-3, thorough=False)
+    >>> constant = found.constants[0]  # value, low and high, in SI
+    >>> constant.low < constant.value < constant.high
+    True
     """
     from magmpm.studies.fitting import fit as found_by
     from magmpm.studies.fitting import read_tables

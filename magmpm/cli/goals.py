@@ -26,9 +26,11 @@ def design_for_goal(options: argparse.Namespace) -> int:
     from magmpm.studies.goals.search import search
 
     study = load_goal(options.study)
-    if options.sampler is not None or options.trial is not None or options.artifacts is not None:
+    of_shapes = ("sampler", "trial", "artifacts")
+    given = [f"--{name}" for name in of_shapes if getattr(options, name) is not None]
+    if given:
         raise InputError(
-            "--sampler, --trial, --artifacts",
+            ", ".join(given),
             received="a study with a goal",
             rule="the study file names the sampler, and trials store numbers only",
             remedy="omit the option",
