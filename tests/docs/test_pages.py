@@ -8,6 +8,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -177,9 +178,9 @@ def test_examples_of_the_first_help_can_be_typed() -> None:
 def follow(
     page: Path, folder: Path, python: str = sys.executable, *options: str
 ) -> subprocess.CompletedProcess[str]:
-    """Do what a page says, in a folder that has the repository's data."""
-    for inside in ("data", "docs"):
-        (folder / inside).symlink_to(ROOT / inside)
+    """Do what a page says, in a folder that has a copy of the repository's data, as `magmpm examples .` makes it."""
+    shutil.copytree(ROOT / "data", folder / "data")
+    (folder / "docs").symlink_to(ROOT / "docs")
     command = [python, ROOT / "tests/docs/follow.py", plan(page, folder), *options]
     return subprocess.run(
         command, cwd=folder, env=environment(), capture_output=True, text=True, check=False
