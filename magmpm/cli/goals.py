@@ -159,7 +159,7 @@ def sweep(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         kept = "its rows are lost: --out DIR would have kept them"
         if options.out is not None:
-            kept = f"{options.out} has the finished rows; the same command goes on"
+            kept = f"{options.out} has the finished rows; the same command continues"
         print(f"magmpm: sweep interrupted; {kept}", file=sys.stderr)
         return 1
     if options.out is not None:

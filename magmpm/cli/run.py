@@ -75,7 +75,7 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
                 _tell_failure(error, folder, options)
             _tell_waiting(folder)
             raise TimeOver(
-                f"{error.reason}; `--resume` goes on from its last frame in {folder}", error.state
+                f"{error.reason}; `--resume` continues from its last frame in {folder}", error.state
             ) from None
         _end(kept, error, options)
     except BaseException:

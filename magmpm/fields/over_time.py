@@ -57,7 +57,7 @@ class Rotation(Settings):
     )
     turns: _Count | None = Field(
         default=None,
-        description="Turns after which it stops, there; it goes on unless given.",
+        description="Number of turns after which it stops and stays; without it, it turns to the end.",
         examples=[0.25],
     )
 
@@ -91,7 +91,7 @@ class Oscillation(Settings):
     )
     cycles: _Count | None = Field(
         default=None,
-        description="Cycles after which it stops, there; it goes on unless given.",
+        description="Number of cycles after which it stops and stays; without it, it runs to the end.",
         examples=[2],
     )
 

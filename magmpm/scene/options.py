@@ -610,7 +610,7 @@ class Resolution(Settings):
         second moments.
     from_tip : True, optional
         Cells are counted from the tip, so that they stay in the material while the inserted
-        length changes; the one at the base takes what is left. Unless given, all cells between
+        length changes; the one at the base takes the rest. Unless given, all cells between
         two materials are equal.
     error : float or str, optional
         The largest allowed error, a share of the length or a length: the program
@@ -654,7 +654,7 @@ class Resolution(Settings):
         default=None,
         description=(
             "Cells are counted from the tip, so that they stay in the material while the inserted"
-            " length changes; the one at the base takes what is left. Unless given, all cells"
+            " length changes; the one at the base takes the rest. Unless given, all cells"
             " between two materials are equal."
         ),
         examples=[True],

@@ -244,7 +244,7 @@ def _alone(lock: Path, tell: Tell, until: float) -> Iterator[None]:
         if mine:
             sign(stream, str(os.getpid()))
         else:
-            tell(f"{_other(stream)} still compiles the same kernels; this one goes on with its own")
+            tell(f"{_other(stream)} is still compiling the same kernels; this one compiles its own")
         yield
 
 

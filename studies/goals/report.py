@@ -127,7 +127,7 @@ def text(report: GoalReport) -> str:
     )
     lines += [f"  warning          {warning}" for warning in report.warnings]
     if report.ended == "interrupted":
-        lines.append("  interrupted; the same command goes on")
+        lines.append("  interrupted; the same command continues")
     return "\n".join(lines)
 
 

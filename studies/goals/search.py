@@ -117,7 +117,7 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         raise InputError(
             str(out),
             received="trials of another definition of this study",
-            rule="a search goes on with the same scene, variables, goals, constraints and files of"
+            rule="a search continues with the same scene, variables, goals, constraints and files of"
             " `python:` functions",
             remedy="give another folder, `--out DIR`, or remove this one",
         )

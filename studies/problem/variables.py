@@ -161,7 +161,7 @@ class VaryWithin(Settings):
     min: Any = Field(description="Least value, with its unit.", examples=["0 m/s^2"])
     max: Any = Field(description="Greatest value, with its unit.", examples=["5 m/s^2"])
     log: bool = Field(
-        default=False, description="Whether factors count in place of differences.", examples=[True]
+        default=False, description="Whether the search is on a logarithmic scale.", examples=[True]
     )
 
     @staticmethod
@@ -179,7 +179,7 @@ class VaryNumber(VaryWithin):
         default=None,
         min_length=2,
         max_length=1000,
-        description="Values, one of which it has.",
+        description="The values to choose from.",
         examples=[["0.2 mm", "0.3 mm"]],
     )
     direction: FreeDirection | None = Field(

@@ -126,7 +126,7 @@ def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for
     waits, leaves, *compiles = compiler.lines
     assert f"waiting for process {os.getpid()}" in waits
     assert (
-        f"process {os.getpid()} still compiles the same kernels; this one goes on with its own"
+        f"process {os.getpid()} is still compiling the same kernels; this one compiles its own"
         in leaves
     )
     assert "compiling kernels for statics with magnetic_torque" in compiles[0]

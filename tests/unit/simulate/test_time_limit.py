@@ -120,7 +120,7 @@ def test_what_is_to_be_resumed_stays_in_its_place(
         changed.setattr(command, "limited", lambda seconds: limited(20.0, clock=ticks()))
         assert main(["run", str(path), "--out", str(out), "--time-limit", "1"]) == 3
     said = capsys.readouterr().err
-    assert "`--resume` goes on from its last frame" in said
+    assert "`--resume` continues from its last frame" in said
     assert "earlier results are kept in" in said
     before = len(Motion.load(out))
     assert before > 1
