@@ -123,8 +123,8 @@ class Strip(StraightBody):
         given.
     segments : sequence of Segment, optional
         From base to tip; give these or `magnetization_profile`.
-    magnetization_profile : Profile, optional
-        A magnetization that varies along the length; give this or `segments`.
+    magnetization_profile : dict, optional
+        A magnetization that varies along the length, such as `{"harmonic": {"periods": 1}}`; give this or `segments`.
 
     Examples
     --------

@@ -310,12 +310,12 @@ class FieldSource(Settings):
         A permanent magnet of finite size, or a list of them (needs magpylib).
     coils : Coil or sequence of Coil, optional
         A round coil, or a list of them (needs magpylib).
-    map : Map or dict, optional
+    map : dict, optional
         A measured field on a regular grid.
-    tabulation : Tabulation or dict, optional
+    tabulation : dict, optional
         Accuracy and extent of the field tables of magnets and coils; chosen unless
         given.
-    over_time : OverTime or dict, optional
+    over_time : dict, optional
         How the field changes in time; it does not unless given.
 
     Examples

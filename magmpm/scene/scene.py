@@ -179,24 +179,24 @@ class Scene(Settings):
         Names the folder of results.
     materials : dict of str to Material
         Materials by name.
-    body : Body
+    body : Catheter, Tube, Strip, Parts or dict
         What moves: a catheter, a strip, or parts given as STL meshes.
     field : FieldSource, optional
         The external magnetic field; none unless given.
-    move : dict of str to Move, optional
+    move : dict of str to dict, optional
         What holds the body is moved: base, tip (of a strip that both ends hold), or held parts
         by their names.
-    effects : Effects, optional
+    effects : sequence of effects, dict or 'auto', optional
         The effects to simulate; one that is not named costs nothing. auto: the program
         chooses them, and reports which and why.
-    solver : Solver, optional
+    solver : Static, QuasiStatic, Dynamic or dict, optional
         Static unless given.
     resolution : Resolution, optional
         How fine the grid is: {cells_across: 4} unless given.
     advice : {'on', 'off'}, optional
         Whether `magmpm run` warns of effects that are not named and would move the answer: on,
         unless given, or off.
-    reference : Reference, optional
+    reference : dict, optional
         A known answer.
 
     Examples
