@@ -124,7 +124,7 @@ class Strip(StraightBody):
     segments : sequence of Segment, optional
         From base to tip; give these or `magnetization_profile`.
     magnetization_profile : dict, optional
-        A magnetization that varies along the length, such as `{"harmonic": {"periods": 1}}`; give this or `segments`.
+        A magnetization that varies along the length; give this or `segments`.
 
     Examples
     --------

@@ -65,8 +65,8 @@ class Viscosity(Effect):
     viscosity : float or str, Pa s, optional
         eta; a motion of angular frequency w has damping ratio eta w / (2 G).
     branches : sequence of dict, optional
-        Branches that relax, each a spring in series with a dashpot, by `shear_modulus` and
-        `time`; at rest they have no stress.
+        Branches that relax, each a spring in series with a dashpot; at rest they have no
+        stress.
     loss_factor : float, no unit, optional
         tan(delta), the loss modulus over the storage modulus, within 7 % the same from 1 Hz to
         1 kHz; silicones have 0.02 to 0.2. In place of `viscosity` and `branches`. A new load creeps:

@@ -131,9 +131,9 @@ class Walls(Obstacle):
     Parameters
     ----------
     tube : dict, optional
-        The inside of a tube around a path, by `radius` and `path`; give this or `surface`.
+        The inside of a tube around a path; give this or `surface`.
     surface : dict, optional
-        The inside of an STL mesh, by `mesh` and `unit`; give this or `tube`.
+        The inside of an STL mesh; give this or `tube`.
     friction : float, no unit, optional
         Coulomb's coefficient of friction; 0, slippery, unless given.
     stiffness : float, no unit, optional
