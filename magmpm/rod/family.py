@@ -187,7 +187,7 @@ class RodFamily:
         share : float, no unit
             Of all loads.
         sloped : bool
-            Whether slopes are wanted, which cost about as much as three steps to the equilibrium.
+            Whether slopes are wanted: they take one more factorization, and a solve for each column.
 
         Returns
         -------

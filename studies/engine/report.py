@@ -228,11 +228,13 @@ def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
     }
     if not near or stability[near[0].number] >= STABILITY_AT_BRINK:
         return next(iter(near), None)
-    close = [t for t in near if _rms(t) <= NEARLY * _rms(near[0])]
+    close = [t for t in near if value_of(t) <= NEARLY * value_of(near[0])]
     stable = [t for t in close if stability[t.number] >= STABILITY_AT_BRINK] or close
     return min(
         stable,
-        key=lambda t: _rms(t) * (1.0 + (NEARLY - 1.0) * STABILITY_AT_BRINK / stability[t.number]),
+        key=lambda t: (
+            value_of(t) * (1.0 + (NEARLY - 1.0) * STABILITY_AT_BRINK / stability[t.number])
+        ),
     )
 
 
@@ -279,7 +281,7 @@ def nearest_first(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
     list of FrozenTrial
         The feasible ones.
     """
-    return sorted((t for t in trials if feasible(t)), key=_rms)
+    return sorted((t for t in trials if feasible(t)), key=value_of)
 
 
 def feasible(trial: FrozenTrial) -> bool:
@@ -336,7 +338,7 @@ def describe(trial: FrozenTrial) -> dict[str, Any]:
         for key in (*QUANTITIES, *SCATTER, *OF_SEVERAL)
         if key in trial.user_attrs
     }
-    rms = trial.user_attrs.get("rms_m", _rms(trial))  # with `robust`, the value is another
+    rms = trial.user_attrs.get("rms_m", value_of(trial))  # with `robust`, the value is another
     return {"number": trial.number, "rms_m": rms, "params": dict(trial.params), **kept, **varied}
 
 
@@ -360,10 +362,6 @@ def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
         if begin is not None and end is not None
     ]
     return statistics.median(seconds) if seconds else None
-
-
-def _rms(trial: FrozenTrial) -> float:
-    return value_of(trial)
 
 
 def verified(
