@@ -50,15 +50,15 @@ class OwnLoads:
         self.added = 0.0
         self.scale = 0.0
         self._start: float | None = None  # E at the first look, J
+        self._rate = (
+            0.0  # J: what the next load adds, over the cube of the steps for which it is held
+        )
         self.begin()
 
     def begin(self) -> None:
         """Begin with loads of one step each, as at every frame: so a motion that is resumed there has the same loads."""
         self.steps = 1
         self._single = 0
-        self._rate = (
-            0.0  # J: what the next load adds, over the cube of the steps for which it is held
-        )
         self._held: _Held | None = None
         self._before: tuple[list[Array], int] | None = (
             None  # tables as computed, and the steps since
@@ -66,7 +66,7 @@ class OwnLoads:
 
     def state(self) -> dict[str, float]:
         """Numbers that `restore` needs, at a frame."""
-        return {"own_added": self.added, "own_scale": self.scale} | (
+        return {"own_added": self.added, "own_scale": self.scale, "own_rate": self._rate} | (
             {} if self._start is None else {"own_start": self._start}
         )
 
@@ -74,6 +74,7 @@ class OwnLoads:
         """Go back to a `state`."""
         self.added = state.get("own_added", 0.0)
         self.scale = state.get("own_scale", 0.0)
+        self._rate = state.get("own_rate", 0.0)
         self._start = state.get("own_start")
         self.begin()
 
@@ -109,7 +110,7 @@ class OwnLoads:
         if self._held is not None:
             self._judge(exact, early, tables)
         else:
-            self.steps = 2
+            self._try()
         true = [table.copy() for table in tables]
         if self._before is not None:
             for table, before in zip(tables, self._before[0], strict=True):
@@ -131,6 +132,16 @@ class OwnLoads:
         )
         self.scale = max(self.scale, kinetic, abs(energy - self._start))
 
+    def _left(self) -> float:
+        """What the next load may add, J."""
+        return PART * (ADDED * self.scale - abs(self.added))
+
+    def _try(self) -> None:
+        """Hold the next load for two steps, where that adds no more than it may by what the loads before it added."""
+        self.steps = 2 if 2**3 * self._rate <= self._left() else 1
+        self._rate *= RELEASE
+        self._single = 0
+
     def _judge(self, exact: float, early: list[Array], tables: list[Array]) -> None:
         """Count what the load that was held has added, and choose for how long to hold the next."""
         held = self._held
@@ -142,7 +153,7 @@ class OwnLoads:
         moved = [new - old for new, old in zip(early, held.early, strict=True)]
         added = _dot(held.tables, moved) + exact - held.exact
         self.added += added
-        left = PART * (ADDED * self.scale - abs(self.added))
+        left = self._left()
         change = max(_change(new, old) for new, old in zip(tables, tables_before, strict=True))
         self._rate = max(abs(added) / taken**3, RELEASE * self._rate)
         by_energy = 0.0 if left <= 0.0 else (left / max(self._rate, 1e-60)) ** (1 / 3)

@@ -186,6 +186,31 @@ def test_loads_of_a_vibration_are_computed_at_each_step(monkeypatch: pytest.Monk
     assert abs(changed) > 1.0
 
 
+@pytest.mark.parametrize("added", [-2.0, 2.0])
+def test_where_nothing_is_left_no_load_is_held(
+    monkeypatch: pytest.MonkeyPatch, added: float
+) -> None:
+    """Twice of what held loads may add to the half J of the spring is used up already: of five periods every load is of one step."""
+    own = OwnLoads(None)  # type: ignore[arg-type]
+    own.added = added * own_loads.ADDED * 0.5
+    held, _ = Spring(monkeypatch, 1.0, 2 * np.pi / 50).swing(own, 5)
+    assert set(held) == {1}
+
+
+def test_what_loads_added_is_known_after_a_restart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motion that goes on from a frame holds its loads as one that was not interrupted there."""
+    own = OwnLoads(None)  # type: ignore[arg-type]
+    spring = Spring(monkeypatch, 1.0, 2 * np.pi / 50)
+    spring.swing(own, 5)
+    own.begin()
+    other = OwnLoads(None)  # type: ignore[arg-type]
+    other.restore(own.state())
+    u, v = spring.u, spring.v
+    held, _ = spring.swing(own, 5)
+    spring.u, spring.v = u, v
+    assert spring.swing(other, 5)[0] == held
+
+
 def test_a_motion_whose_own_loads_add_energy_is_stopped(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
