@@ -133,7 +133,7 @@ class OwnLoads:
         self.scale = max(self.scale, kinetic, abs(energy - self._start))
 
     def _left(self) -> float:
-        """What the next load may add, J."""
+        """Energy that the next load may add, J."""
         return PART * (ADDED * self.scale - abs(self.added))
 
     def _try(self) -> None:

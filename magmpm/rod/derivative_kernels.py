@@ -11,28 +11,23 @@ dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 an
 
 import numpy as np
 
-from magmpm.compiled.jit import compiled, inner, task_body
+from magmpm.compiled.jit import compiled, inlined, inner, task_body
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.rod.kernels import (
     LoadedRod,
     _dot,
     _scaled,
-    _to_frame,
     derivatives,
     factor,
     frames_of,
+    half_way,
+    in_frame,
     matrix,
+    mixed,
+    relative,
     relax,
     solve,
 )
-
-
-@inner
-def _add_cross(h, a, b, out):
-    """out += h a x b."""
-    out[0] += h * (a[1] * b[2] - a[2] * b[1])
-    out[1] += h * (a[2] * b[0] - a[0] * b[2])
-    out[2] += h * (a[0] * b[1] - a[1] * b[0])
 
 
 @inner
@@ -43,158 +38,149 @@ def _clear(a):
             a[k, i] = 0.0
 
 
-@inner
-def _add_change(h, fields, m, c, changes, work, out):
-    """out -= h times the change of a potential's gradient. fields: b, w (2, 3); changes: dm, db, dw (3, 3), all in the frame."""
-    b = fields[0]
-    w = fields[1]
-    dm = changes[0]
-    db = changes[1]
-    dw = changes[2]
-    f = work[0]
-    Cf = work[1]
-    df = work[2]
-    Cdf = work[3]
-    axis = work[4]
+@inlined
+def _product(h, A, B, out):
+    """out = h A B, all (3, 3)."""
     for i in range(3):
-        f[i] = w[i] + m[0] * b[i]
-        df[i] = dw[i] + dm[0] * b[i] + m[0] * db[i]
-        Cf[i], Cdf[i] = c[i] * f[i], c[i] * df[i]
-        axis[i] = 1.0 if i == 0 else 0.0
-    _add_cross(-h, b, dm, out)
-    _add_cross(-h, db, m, out)
-    _add_cross(-h, dw, axis, out)
-    _add_cross(-h, df, Cf, out)
-    _add_cross(-h, f, Cdf, out)
+        for j in range(3):
+            out[i, j] = h * (A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j])
 
 
-@inner
-def _imaginary(a, d, factor, out):
-    """out += factor times the vector part of a (0, d), a quaternion."""
-    out[0] += factor * (a[0] * d[0] + a[2] * d[2] - a[3] * d[1])
-    out[1] += factor * (a[0] * d[1] + a[3] * d[0] - a[1] * d[2])
-    out[2] += factor * (a[0] * d[2] + a[1] * d[1] - a[2] * d[0])
+@inlined
+def _add(A, out):
+    """out += A, both (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] += A[i, j]
 
 
-@inner
-def _between(p, q, a, b, mid):
-    """Frame half-way between two, mid, and by what their rotations (own axes) turn it: Im(a (0, d_p) + b (0, d_q))."""
-    dot = 0.0
-    size = 0.0
-    for i in range(4):
-        dot += p[i] * q[i]
-    sign = 1.0 if dot >= 0 else -1.0
-    for i in range(4):
-        mid[i] = p[i] + sign * q[i]
-        size += mid[i] ** 2
-    size = np.sqrt(size)
-    for i in range(4):
-        mid[i] /= size
-    for side in range(2):
-        r, out, factor = (p, a, 1.0 / size) if side == 0 else (q, b, sign / size)
-        out[0] = factor * (mid[0] * r[0] + mid[1] * r[1] + mid[2] * r[2] + mid[3] * r[3])
-        out[1] = factor * (mid[0] * r[1] - mid[1] * r[0] - mid[2] * r[3] + mid[3] * r[2])
-        out[2] = factor * (mid[0] * r[2] - mid[2] * r[0] - mid[3] * r[1] + mid[1] * r[3])
-        out[3] = factor * (mid[0] * r[3] - mid[3] * r[0] - mid[1] * r[2] + mid[2] * r[1])
+@inlined
+def _crossing(w, v, out):
+    """out = w I + [v], (3, 3): w d + v x d of a vector d."""
+    out[0, 0], out[0, 1], out[0, 2] = w, -v[2], v[1]
+    out[1, 0], out[1, 1], out[1, 2] = v[2], w, -v[0]
+    out[2, 0], out[2, 1], out[2, 2] = -v[1], v[0], w
 
 
-@inner
-def _element(e, q, rod, A, P, Q):
-    """Derivatives of an element's span: A (2, 3, 3) by the rotations of its frames, P (2, 3, 3) by the fields there, Q (3) by the axial m0.
+@inlined
+def _turned_by(mid, r, size, a, out):
+    """out (3, 3): by what a rotation of r (own axes) turns the frame mid half-way to another; size: as of `half_way`; a: work space.
 
-    P without its factor m0 answers to the weights. The span is Simpson's rule over the frames and the one half-way of R (e_1 + C f).
+    It is the vector part of a (0, d), with the quaternion a = conj(mid) r / size.
     """
-    c = rod.compliance[e]
-    m0 = rod.moment[e, 0]
+    relative(mid, r, a)
+    _crossing(a[0] / size, (a[1] / size, a[2] / size, a[3] / size), out)
+
+
+@inlined
+def _stretched(c, f, out):
+    """out (3, 3): by what a rotation d of a frame changes v = e_1 + C f, in axes that stay: d x v + C (f x d)."""
+    out[0, 0], out[0, 1], out[0, 2] = 0.0, (c[2] - c[0]) * f[2], (c[0] - c[1]) * f[1]
+    out[1, 0], out[1, 1], out[1, 2] = (c[1] - c[2]) * f[2], 0.0, 1.0 + (c[0] - c[1]) * f[0]
+    out[2, 0], out[2, 1], out[2, 2] = (c[1] - c[2]) * f[1], (c[2] - c[0]) * f[0] - 1.0, 0.0
+
+
+@inner
+def _elements(q, rod, A, P, Q):
+    """Add to zeros the derivatives of the elements' spans by rotations of their frames A, fields there P (both (n, 2, 3, 3)), m_0 Q (n, 3).
+
+    P without its factor m_0 answers to the weights. The span is Simpson's rule over the frames and the one half-way of R (e_1 + C f).
+    """
     R = np.empty((3, 3))
     mid = np.empty(4)
-    ra = np.empty(4)
-    rb = np.empty(4)
-    b = np.empty(3)
-    w = np.empty(3)
-    v = np.empty(3)
-    Cb = np.empty(3)
-    turn = np.empty(3)
-    dv = np.empty(3)
-    span = np.empty(3)
-    unit = np.zeros(3)
-    for side in range(2):
-        _clear(A[side])
-        _clear(P[side])
-    for i in range(3):
-        Q[i] = 0.0
-    _between(q[e], q[e + 1], ra, rb, mid)
-    for part in range(3):
-        first = (
-            1.0 if part == 0 else (0.5 if part == 1 else 0.0)
-        )  # share of the first frame's field
-        matrix(mid if part == 1 else q[e + part // 2], R)
-        for i in range(3):
-            b[i] = w[i] = 0.0
-            for j in range(3):
-                b[i] += R[j, i] * (first * rod.field[e, j] + (1.0 - first) * rod.field[e + 1, j])
-                w[i] += R[j, i] * (first * rod.weight[e, j] + (1.0 - first) * rod.weight[e + 1, j])
-        for i in range(3):
-            v[i] = (1.0 if i == 0 else 0.0) + c[i] * (w[i] + m0 * b[i])
-            Cb[i] = c[i] * b[i]
-        share = rod.length[e] * (4.0 if part == 1 else 1.0) / 6.0
-        for i in range(3):
-            for j in range(3):
-                Q[i] += share * R[i, j] * Cb[j]
-                for t in range(3):
-                    value = share * R[i, t] * c[t] * R[j, t]
-                    P[0, i, j] += first * value
-                    P[1, i, j] += (1.0 - first) * value
+    a = np.empty(4)
+    turned = np.empty((2, 3, 3))
+    stretched = np.empty((3, 3))
+    moved = np.empty((3, 3))
+    step = np.empty((3, 3))
+    for e in range(len(rod.length)):
+        c = rod.compliance[e]
+        m0 = rod.moment[e, 0]
+        size = half_way(q[e], q[e + 1], mid)
         for side in range(2):
-            if (side == 0 and part == 2) or (side == 1 and part == 0):
-                continue
-            for j in range(3):
-                for i in range(3):
-                    unit[i] = 1.0 if i == j else 0.0
-                    turn[i] = dv[i] = span[i] = 0.0
-                if part == 1:
-                    _imaginary(ra if side == 0 else rb, unit, 1.0, turn)
-                else:
-                    turn[j] = 1.0
-                _add_cross(-1.0, turn, w, dv)
-                _add_cross(-m0, turn, b, dv)
-                for i in range(3):
-                    span[i] = c[i] * dv[i]
-                _add_cross(1.0, turn, v, span)
-                for i in range(3):
-                    for t in range(3):
-                        A[side, i, j] += share * R[i, t] * span[t]
+            _turned_by(mid, q[e + side], size, a, turned[side])
+        for part in range(3):
+            if part == 1:
+                matrix(mid, R)
+            else:
+                matrix(q[e + part // 2], R)
+            b = in_frame(R, mixed(part, rod.field[e], rod.field[e + 1]))
+            w = in_frame(R, mixed(part, rod.weight[e], rod.weight[e + 1]))
+            f = (w[0] + m0 * b[0], w[1] + m0 * b[1], w[2] + m0 * b[2])
+            share = rod.length[e] * (4.0 if part == 1 else 1.0) / 6.0
+            _stretched(c, f, stretched)
+            _product(share, R, stretched, moved)
+            if part == 1:
+                for side in range(2):
+                    _product(1.0, moved, turned[side], step)
+                    _add(step, A[e, side])
+            else:
+                _add(moved, A[e, part // 2])
+            for i in range(3):
+                C = (share * R[i, 0] * c[0], share * R[i, 1] * c[1], share * R[i, 2] * c[2])
+                Q[e, i] += C[0] * b[0] + C[1] * b[1] + C[2] * b[2]
+                for j in range(3):
+                    value = C[0] * R[j, 0] + C[1] * R[j, 1] + C[2] * R[j, 2]
+                    P[e, 0, i, j] += (1.0 - 0.5 * part) * value
+                    P[e, 1, i, j] += 0.5 * part * value
 
 
 @inner
-def _right_side(frames, rod, parameters, column, x):
+def _changes(frames, rod, by_moment, by_field, by_weight):
+    """Minus the change of the gradient of frame e + side by the moment of element e, and by field and weight there, all (n, 2, 3, 3).
+
+    In the frame, b x m + w x e + f x C f (f = w + m_0 b) changes by b x dm + U b dm_0, by m_0 U db - m x db, and by U dw - e x dw, with
+    U = [f] C - [C f], the derivative of f x C f.
+    """
+    U = np.zeros((3, 3))
+    near = np.empty((3, 3))
+    turned = np.empty((3, 3))
+    for e in range(len(rod.length)):
+        m = rod.moment[e]
+        c = rod.compliance[e]
+        h = -0.5 * rod.length[e]
+        for side in range(2):
+            R = frames[e + side]
+            b = in_frame(R, rod.field[e + side])
+            w = in_frame(R, rod.weight[e + side])
+            f = (w[0] + m[0] * b[0], w[1] + m[0] * b[1], w[2] + m[0] * b[2])
+            U[0, 1], U[0, 2] = (c[2] - c[1]) * f[2], (c[2] - c[1]) * f[1]
+            U[1, 0], U[1, 2] = (c[0] - c[2]) * f[2], (c[0] - c[2]) * f[0]
+            U[2, 0], U[2, 1] = (c[1] - c[0]) * f[1], (c[1] - c[0]) * f[0]
+            _crossing(0.0, (h * b[0], h * b[1], h * b[2]), by_moment[e, side])
+            _crossing(0.0, (-m[0], -m[1], -m[2]), near)
+            for i in range(3):
+                by_moment[e, side, i, 0] += h * (U[i, 0] * b[0] + U[i, 1] * b[1] + U[i, 2] * b[2])
+                for j in range(3):
+                    near[i, j] += m[0] * U[i, j]
+                    turned[i, j] = R[j, i]
+            _product(h, near, turned, by_field[e, side])
+            U[1, 2] += 1.0
+            U[2, 1] -= 1.0
+            _product(h, U, turned, by_weight[e, side])
+
+
+@inner
+def _right_side(changes, parameters, column, x):
     """x (n + 1, 3): minus the change of the gradient for a column."""
+    by_moment, by_field, by_weight = changes
     sizes, shares = parameters
-    fields = np.empty((2, 3))
-    changes = np.empty((3, 3))
-    work = np.empty((5, 3))
     group = column // 3
     j = column % 3
     moments = len(sizes)
     _clear(x)
-    for e in range(len(rod.length)):
-        if group < moments and sizes[group, e] == 0.0:
-            continue
+    for e in range(len(by_moment)):
         for side in range(2):
             k = e + side
-            R = frames[k]
-            _to_frame(R, rod.field[k], fields[0])
-            _to_frame(R, rod.weight[k], fields[1])
-            _clear(changes)
             if group < moments:
-                changes[0, j] = sizes[group, e]
-            else:
+                size = sizes[group, e]
                 for i in range(3):
-                    changes[1, i] = shares[group - moments, 0, k] * R[j, i]
-                    changes[2, i] = shares[group - moments, 1, k] * R[j, i]
-            _add_change(
-                0.5 * rod.length[e], fields, rod.moment[e], rod.compliance[e], changes, work, x[k]
-            )
+                    x[k, i] += size * by_moment[e, side, i, j]
+            else:
+                field = shares[group - moments, 0, k]
+                weight = shares[group - moments, 1, k]
+                for i in range(3):
+                    x[k, i] += field * by_field[e, side, i, j] + weight * by_weight[e, side, i, j]
 
 
 @inner
@@ -239,13 +225,14 @@ def _slopes(q, rod, parameters, frames, slopes):
     derivatives(q, rod, g, Hd, Ho)
     if not factor(Hd, Ho, 0.0, Ld, Lo):
         return False
-    A = np.empty((n, 2, 3, 3))
-    P = np.empty((n, 2, 3, 3))
-    Q = np.empty((n, 3))
-    for e in range(n):
-        _element(e, q, rod, A[e], P[e], Q[e])
+    A = np.zeros((n, 2, 3, 3))
+    P = np.zeros((n, 2, 3, 3))
+    Q = np.zeros((n, 3))
+    _elements(q, rod, A, P, Q)
+    changes = (np.empty((n, 2, 3, 3)), np.empty((n, 2, 3, 3)), np.empty((n, 2, 3, 3)))
+    _changes(frames, rod, changes[0], changes[1], changes[2])
     for column in range(len(slopes)):
-        _right_side(frames, rod, parameters, column, slopes[column, 0])
+        _right_side(changes, parameters, column, slopes[column, 0])
         solve(Ld, Lo, slopes[column, 0])
         _add_column((A, P, Q), rod.moment, parameters, column, slopes[column])
     return True

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, compiled_elsewhere, inner
+from magmpm.compiled.jit import compiled, compiled_elsewhere, inlined, inner
 
 MAX_STEPS = 200
 LARGEST_TURN = 0.6  # rad: largest turn of a frame in one Newton step
@@ -26,7 +26,7 @@ class LoadedRod(NamedTuple):
     weight: Array
 
 
-@inner
+@inlined
 def matrix(q, R):
     """Write the rotation matrix of a unit quaternion to R (3, 3)."""
     w = q[0]
@@ -38,8 +38,8 @@ def matrix(q, R):
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
 
 
-@inner
-def _relative(a, b, z):
+@inlined
+def relative(a, b, z):
     """z = conj(a) b, with z[0] >= 0."""
     z[0] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     z[1] = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
@@ -48,6 +48,20 @@ def _relative(a, b, z):
     if z[0] < 0:
         for i in range(4):
             z[i] = -z[i]
+
+
+@inlined
+def half_way(p, q, mid):
+    """Write the unit quaternion half-way between two to mid. Returns the length of their sum."""
+    dot = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
+    size = 0.0
+    for i in range(4):
+        mid[i] = p[i] + (q[i] if dot >= 0 else -q[i])
+        size += mid[i] ** 2
+    size = np.sqrt(size)
+    for i in range(4):
+        mid[i] /= size
+    return size
 
 
 @compiled
@@ -70,11 +84,22 @@ def _turn(q, d, out):
         out[i] /= size
 
 
-@inner
-def _to_frame(R, v, out):
-    """out = R^T v."""
-    for i in range(3):
-        out[i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
+@inlined
+def in_frame(R, v):
+    """R^T v, a tuple."""
+    return (
+        R[0, 0] * v[0] + R[1, 0] * v[1] + R[2, 0] * v[2],
+        R[0, 1] * v[0] + R[1, 1] * v[1] + R[2, 1] * v[2],
+        R[0, 2] * v[0] + R[1, 2] * v[1] + R[2, 2] * v[2],
+    )
+
+
+@inlined
+def mixed(part, a, b):
+    """Vector half of `part` of the way from a to b, a tuple."""
+    last = 0.5 * part
+    first = 1.0 - last
+    return first * a[0] + last * b[0], first * a[1] + last * b[1], first * a[2] + last * b[2]
 
 
 @compiled
@@ -82,17 +107,15 @@ def _energy(q, rod):
     """Energy of the rod, J."""
     R = np.empty((3, 3))
     z = np.empty(4)
-    b = np.empty(3)
-    w = np.empty(3)
     total = 0.0
     for e in range(len(rod.length)):
-        _relative(q[e], q[e + 1], z)
+        relative(q[e], q[e + 1], z)
         for i in range(3):
             total += 2.0 / rod.length[e] * rod.twist_bend[e, i] * z[i + 1] ** 2
         for side in range(2):
             matrix(q[e + side], R)
-            _to_frame(R, rod.field[e + side], b)
-            _to_frame(R, rod.weight[e + side], w)
+            b = in_frame(R, rod.field[e + side])
+            w = in_frame(R, rod.weight[e + side])
             density = (
                 b[0] * rod.moment[e, 0] + b[1] * rod.moment[e, 1] + b[2] * rod.moment[e, 2] + w[0]
             )
@@ -102,88 +125,97 @@ def _energy(q, rod):
     return total
 
 
-@inner
+@inlined
+def _add_symmetric(H, diagonal, beside):
+    """Add a symmetric matrix to H: its entries (0, 0), (1, 1), (2, 2), and (0, 1), (0, 2), (1, 2)."""
+    H[0, 0] += diagonal[0]
+    H[1, 1] += diagonal[1]
+    H[2, 2] += diagonal[2]
+    H[0, 1] += beside[0]
+    H[1, 0] += beside[0]
+    H[0, 2] += beside[1]
+    H[2, 0] += beside[1]
+    H[1, 2] += beside[2]
+    H[2, 1] += beside[2]
+
+
+@inlined
 def _add_potential(h, b, w, m, c, g, H):
-    """Add gradient and Hessian, times h, of a frame's potential. b, w: field and weight in the frame; m: moment; c: compliance."""
-    f = np.empty(3)
-    Cf = np.empty(3)
-    for i in range(3):
-        f[i] = w[i] + m[0] * b[i]
-        Cf[i] = c[i] * f[i]
-    bm = b[0] * m[0] + b[1] * m[1] + b[2] * m[2] + w[0]
-    fCf = f[0] * Cf[0] + f[1] * Cf[1] + f[2] * Cf[2]
-    for i in range(3):
-        j = (i + 1) % 3
-        k = (i + 2) % 3
-        ej = 1.0 if j == 0 else 0.0
-        ek = 1.0 if k == 0 else 0.0
-        g[i] += h * (
-            b[j] * m[k] - b[k] * m[j] + w[j] * ek - w[k] * ej + f[j] * Cf[k] - f[k] * Cf[j]
-        )
-        for n in range(3):
-            en = 1.0 if n == 0 else 0.0
-            ei = 1.0 if i == 0 else 0.0
-            value = -0.5 * (
-                b[i] * m[n] + m[i] * b[n] + w[i] * en + ei * w[n] + Cf[i] * f[n] + f[i] * Cf[n]
-            )
-            H[i, n] += h * (value + (bm + fCf if i == n else 0.0))
-    # -[f]^T C [f], with [f] the cross-product matrix
-    H[0, 0] -= h * (c[1] * f[2] ** 2 + c[2] * f[1] ** 2)
-    H[1, 1] -= h * (c[0] * f[2] ** 2 + c[2] * f[0] ** 2)
-    H[2, 2] -= h * (c[0] * f[1] ** 2 + c[1] * f[0] ** 2)
-    H[0, 1] += h * c[2] * f[0] * f[1]
-    H[1, 0] += h * c[2] * f[0] * f[1]
-    H[0, 2] += h * c[1] * f[0] * f[2]
-    H[2, 0] += h * c[1] * f[0] * f[2]
-    H[1, 2] += h * c[0] * f[1] * f[2]
-    H[2, 1] += h * c[0] * f[1] * f[2]
+    """Add gradient and Hessian, times h, of a frame's potential. b, w: field and weight in the frame; m: moment; c: compliance.
+
+    With f = w + m_0 b, F = C f and the first axis e: the gradient is b x m + w x e + f x F, the Hessian the symmetric part of
+    (b . m + w . e + f . F) I - b m^T - w e^T - F f^T, less [f]^T C [f]. Every entry is written out, as loops over them keep
+    nothing in registers and take many times as long.
+    """
+    f0 = w[0] + m[0] * b[0]
+    f1 = w[1] + m[0] * b[1]
+    f2 = w[2] + m[0] * b[2]
+    g[0] += h * (b[1] * m[2] - b[2] * m[1] + (c[2] - c[1]) * f1 * f2)
+    g[1] += h * (b[2] * m[0] - b[0] * m[2] + w[2] + (c[0] - c[2]) * f2 * f0)
+    g[2] += h * (b[0] * m[1] - b[1] * m[0] - w[1] + (c[1] - c[0]) * f0 * f1)
+    along = w[0] + b[0] * m[0]
+    b1m1 = b[1] * m[1]
+    b2m2 = b[2] * m[2]
+    _add_symmetric(
+        H,
+        (
+            h * (b1m1 + b2m2 + (c[1] - c[2]) * (f1 * f1 - f2 * f2)),
+            h * (along + b2m2 + (c[0] - c[2]) * (f0 * f0 - f2 * f2)),
+            h * (along + b1m1 + (c[0] - c[1]) * (f0 * f0 - f1 * f1)),
+        ),
+        (
+            h * ((c[2] - 0.5 * (c[0] + c[1])) * f0 * f1 - 0.5 * (b[0] * m[1] + b[1] * m[0] + w[1])),
+            h * ((c[1] - 0.5 * (c[0] + c[2])) * f0 * f2 - 0.5 * (b[0] * m[2] + b[2] * m[0] + w[2])),
+            h * ((c[0] - 0.5 * (c[1] + c[2])) * f1 * f2 - 0.5 * (b[1] * m[2] + b[2] * m[1])),
+        ),
+    )
 
 
-@inner
-def _add_bending(e, q, rod, z, work, g, Hd, Ho):
-    """Add gradient and Hessian of an element's bending and twist energy with respect to the rotations of its two frames."""
-    _relative(q[e], q[e + 1], z)
-    length = rod.length[e]
-    D = rod.twist_bend[e]
-    ga = g[e]
-    gb = g[e + 1]
-    Haa = Hd[e]
-    Hbb = Hd[e + 1]
-    Hab = Ho[e]
+@inlined
+def _add_bending(length, D, z, ga, gb, Haa, Hbb, Hab):
+    """Add gradient and Hessian of an element's bending and twist energy with respect to the rotations of its two frames, a and b.
+
+    The relative rotation has the scalar w and the vector v = (x, y, z); with S = 4 D / length, M = S v and X = [v] / 2 (the matrix of the
+    cross product), rotations turn v by A = X - w / 2 and B = X + w / 2. So g_a = A^T M, H_aa = A^T S A - (M . v) / 4, H_bb alike, and
+    H_ab = A^T S B + (M v^T + v M^T - M . v + w [M]) / 4. As in `_add_potential`, every entry is written out.
+    """
     w = z[0]
-    Ba = work[0]
-    Bb = work[1]
-    M = work[2, 0]
-    for i in range(3):
-        M[i] = 4.0 / length * D[i] * z[i + 1]
-        Ba[i, i], Bb[i, i] = -0.5 * w, 0.5 * w
-        j = (i + 1) % 3
-        k = (i + 2) % 3
-        Ba[i, j], Bb[i, j] = -0.5 * z[k + 1], -0.5 * z[k + 1]
-        Ba[i, k], Bb[i, k] = 0.5 * z[j + 1], 0.5 * z[j + 1]
-    Mv = M[0] * z[1] + M[1] * z[2] + M[2] * z[3]
-    for i in range(3):
-        for n in range(3):
-            ga[i] += Ba[n, i] * M[n]
-            gb[i] += Bb[n, i] * M[n]
-            aa = 0.0
-            bb = 0.0
-            ab = 0.0
-            for k in range(3):
-                s = 4.0 / length * D[k]
-                aa += s * Ba[k, i] * Ba[k, n]
-                bb += s * Bb[k, i] * Bb[k, n]
-                ab += s * Ba[k, i] * Bb[k, n]
-            Haa[i, n] += aa
-            Hbb[i, n] += bb
-            Hab[i, n] += ab + 0.25 * (M[i] * z[n + 1] + z[i + 1] * M[n])
-        Haa[i, i] -= 0.25 * Mv
-        Hbb[i, i] -= 0.25 * Mv
-        Hab[i, i] -= 0.25 * Mv
-        j = (i + 1) % 3
-        k = (i + 2) % 3
-        Hab[i, j] -= 0.25 * w * M[k]
-        Hab[i, k] += 0.25 * w * M[j]
+    x = z[1]
+    y = z[2]
+    z = z[3]
+    s0 = 4.0 / length * D[0]
+    s1 = 4.0 / length * D[1]
+    s2 = 4.0 / length * D[2]
+    ga[0] -= 0.5 * (w * s0 * x + (s2 - s1) * y * z)
+    ga[1] -= 0.5 * (w * s1 * y + (s0 - s2) * z * x)
+    ga[2] -= 0.5 * (w * s2 * z + (s1 - s0) * x * y)
+    gb[0] += 0.5 * (w * s0 * x - (s2 - s1) * y * z)
+    gb[1] += 0.5 * (w * s1 * y - (s0 - s2) * z * x)
+    gb[2] += 0.5 * (w * s2 * z - (s1 - s0) * x * y)
+    diagonal = (
+        0.25 * (s0 * (w * w - x * x) + (s1 - s2) * (z * z - y * y)),
+        0.25 * (s1 * (w * w - y * y) + (s0 - s2) * (z * z - x * x)),
+        0.25 * (s2 * (w * w - z * z) + (s0 - s1) * (y * y - x * x)),
+    )
+    for H, w_side in ((Haa, -w), (Hbb, w)):
+        _add_symmetric(
+            H,
+            diagonal,
+            (
+                -0.25 * (s2 * x * y + w_side * (s0 - s1) * z),
+                -0.25 * (s1 * x * z - w_side * (s0 - s2) * y),
+                -0.25 * (s0 * y * z + w_side * (s1 - s2) * x),
+            ),
+        )
+    Hab[0, 0] = diagonal[0] - 0.5 * s0 * (w * w - x * x)
+    Hab[1, 1] = diagonal[1] - 0.5 * s1 * (w * w - y * y)
+    Hab[2, 2] = diagonal[2] - 0.5 * s2 * (w * w - z * z)
+    Hab[0, 1] = 0.25 * (s0 + s1 - s2) * (x * y + w * z)
+    Hab[1, 0] = 0.25 * (s0 + s1 - s2) * (x * y - w * z)
+    Hab[0, 2] = 0.25 * (s0 + s2 - s1) * (x * z - w * y)
+    Hab[2, 0] = 0.25 * (s0 + s2 - s1) * (x * z + w * y)
+    Hab[1, 2] = 0.25 * (s1 + s2 - s0) * (y * z + w * x)
+    Hab[2, 1] = 0.25 * (s1 + s2 - s0) * (y * z - w * x)
 
 
 @compiled
@@ -191,42 +223,43 @@ def derivatives(q, rod, g, Hd, Ho):
     """Write the gradient and the Hessian of the energy to g, Hd and Ho."""
     R = np.empty((3, 3))
     z = np.empty(4)
-    b = np.empty(3)
-    w = np.empty(3)
-    work = np.empty((3, 3, 3))
-    g[:], Hd[:], Ho[:] = 0.0, 0.0, 0.0
-    for e in range(len(rod.length)):
-        _add_bending(e, q, rod, z, work, g, Hd, Ho)
-        half = 0.5 * rod.length[e]
-        for side in range(2):
-            k = e + side
-            matrix(q[k], R)
-            _to_frame(R, rod.field[k], b)
-            _to_frame(R, rod.weight[k], w)
-            _add_potential(half, b, w, rod.moment[e], rod.compliance[e], g[k], Hd[k])
+    n = len(rod.length)
+    g[:], Hd[:] = 0.0, 0.0
+    for e in range(n):
+        relative(q[e], q[e + 1], z)
+        _add_bending(rod.length[e], rod.twist_bend[e], z, g[e], g[e + 1], Hd[e], Hd[e + 1], Ho[e])
+    for k in range(n + 1):
+        matrix(q[k], R)
+        b = in_frame(R, rod.field[k])
+        w = in_frame(R, rod.weight[k])
+        for e in range(max(k - 1, 0), min(k + 1, n)):
+            _add_potential(0.5 * rod.length[e], b, w, rod.moment[e], rod.compliance[e], g[k], Hd[k])
 
 
 @inner
 def _cholesky3(A):
-    """Cholesky of a 3 x 3 block in place (lower). Returns False where it is not positive definite."""
+    """Cholesky of a 3 x 3 block in place (lower, its diagonal inverted). Returns False where it is not positive definite."""
     for j in range(3):
         d = A[j, j]
         for k in range(j):
             d -= A[j, k] ** 2
         if not d > 0.0:
             return False
-        A[j, j] = np.sqrt(d)
+        A[j, j] = 1.0 / np.sqrt(d)
         for i in range(j + 1, 3):
             s = A[i, j]
             for k in range(j):
                 s -= A[i, k] * A[j, k]
-            A[i, j] = s / A[j, j]
+            A[i, j] = s * A[j, j]
     return True
 
 
 @inner
 def factor(Hd, Ho, shift, Ld, Lo):
-    """Block Cholesky of the Hessian of frames 1 .. n plus shift: Ld (n + 1, 3, 3) lower, Lo (n, 3, 3). False: not positive definite."""
+    """Block Cholesky of the Hessian of frames 1 .. n plus shift: Ld (n + 1, 3, 3) lower, its diagonals inverted; Lo (n, 3, 3).
+
+    False: not positive definite.
+    """
     n = len(Ho)
     for k in range(1, n + 1):
         for i in range(3):
@@ -239,7 +272,7 @@ def factor(Hd, Ho, shift, Ld, Lo):
                     s = Ho[k - 1, row, col]
                     for t in range(row):
                         s -= Ld[k - 1, row, t] * Lo[k - 1, t, col]
-                    Lo[k - 1, row, col] = s / Ld[k - 1, row, row]
+                    Lo[k - 1, row, col] = s * Ld[k - 1, row, row]
             for i in range(3):
                 for j in range(3):
                     for t in range(3):
@@ -262,7 +295,7 @@ def solve(Ld, Lo, x):
                     s -= Lo[k - 1, t, i] * x[k - 1, t]
             for t in range(i):
                 s -= Ld[k, i, t] * x[k, t]
-            x[k, i] = s / Ld[k, i, i]
+            x[k, i] = s * Ld[k, i, i]
     for k in range(n, 0, -1):
         for i in range(2, -1, -1):
             s = x[k, i]
@@ -271,7 +304,7 @@ def solve(Ld, Lo, x):
                     s -= Lo[k, i, t] * x[k + 1, t]
             for t in range(i + 1, 3):
                 s -= Ld[k, t, i] * x[k, t]
-            x[k, i] = s / Ld[k, i, i]
+            x[k, i] = s * Ld[k, i, i]
 
 
 @inner
@@ -389,45 +422,22 @@ def frames_of(q, rod):
     R = np.empty((3, 3))
     z = np.empty(4)
     mid = np.empty(4)
-    b = np.empty(3)
-    w = np.empty(3)
     v = np.empty(3)
-    pull = np.empty(3)
-    around = np.empty(3)
     for k in range(n + 1):
         matrix(q[k], frames[k])
     for e in range(n):
-        _relative(q[e], q[e + 1], z)
-        dot = 0.0
-        size = 0.0
-        for i in range(4):
-            dot += q[e, i] * q[e + 1, i]
-        for i in range(4):
-            mid[i] = q[e, i] + (q[e + 1, i] if dot >= 0 else -q[e + 1, i])
-            size += mid[i] ** 2
-        for i in range(4):
-            mid[i] /= np.sqrt(size)
-        for part in range(
-            3
-        ):  # Simpson's rule along the element: its two frames and the one half-way
+        relative(q[e], q[e + 1], z)
+        half_way(q[e], q[e + 1], mid)
+        for part in range(3):  # Simpson's rule: the element's two frames and the one half-way
             if part == 1:
                 matrix(mid, R)
-                side = e
-                other = e + 1
             else:
-                side = other = e + part // 2
-                for i in range(3):
-                    for j in range(3):
-                        R[i, j] = frames[side, i, j]
+                matrix(q[e + part // 2], R)
+            b = in_frame(R, mixed(part, rod.field[e], rod.field[e + 1]))
+            w = in_frame(R, mixed(part, rod.weight[e], rod.weight[e + 1]))
             for i in range(3):
-                pull[i] = 0.5 * (rod.weight[side, i] + rod.weight[other, i])
-                around[i] = 0.5 * (rod.field[side, i] + rod.field[other, i])
-            _to_frame(R, around, b)
-            _to_frame(R, pull, w)
-            for i in range(3):
-                v[i] = (1.0 if i == 0 else 0.0) + rod.compliance[e, i] * (
-                    w[i] + rod.moment[e, 0] * b[i]
-                )
+                v[i] = rod.compliance[e, i] * (w[i] + rod.moment[e, 0] * b[i])
+            v[0] += 1.0
             share = rod.length[e] * (4.0 if part == 1 else 1.0) / 6.0
             for i in range(3):
                 position[e + 1, i] += share * (R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2])

@@ -33,7 +33,7 @@ from magmpm.inputs.vectors import Vector
 from magmpm.model import build
 from magmpm.results.whole_file import whole_file, write_json
 from magmpm.rod.cosserat import RodModel, rod_model
-from magmpm.rod.derivative_kernels import relax_all
+from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.solving.precompile import prepare_kernels
 from magmpm.statics.axis import tip
@@ -256,16 +256,9 @@ def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
 
 def _relaxed(rod: RodModel, q: Array, fields: Array) -> tuple[Array, Mask]:
     """Tips (m, 3) m of rods q (m, n + 1, 4), changed in place, in fields (m, 3) T; and whether they are stable equilibria."""
-    m, frames = q.shape[:2]
-    position = np.empty((m, frames, 3))
-    found = np.empty(m, dtype=bool)
-    around = np.ascontiguousarray(np.broadcast_to(fields[:, None, :], (m, frames, 3)))
-    rods = rod.loaded(
-        moment=np.tile(rod.moment, (m, 1, 1)), field=around, weight=np.tile(rod.weight, (m, 1, 1))
-    )
-    parameters = np.zeros((0, frames - 1)), np.zeros((0, 2, frames))
-    relax_all(q, rods, parameters, position, np.zeros((m, 0, 2, frames, 3)), found)
-    return position[:, -1].copy(), found & np.isfinite(position).all(axis=(1, 2))
+    family = RodFamily(rod, np.zeros((0, len(rod.length))))  # none of its moments varies
+    position, _, found = family.relaxed(q, np.zeros((len(q), 0, 3)), fields, sloped=False)
+    return position[:, -1].copy(), found.astype(bool) & np.isfinite(position).all(axis=(1, 2))
 
 
 def _grown(rod: RodModel, ends: Array, finer: int) -> tuple[Array, Array, Array]:
