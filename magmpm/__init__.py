@@ -114,7 +114,8 @@ _HOMES |= {"MagmpmWarning": "results.notices"}
 _HOMES |= {
     **dict.fromkeys(("compare", "error"), "runs"),
     "load_scene": "scene",
-    **dict.fromkeys(("design", "fit", "influence", "sweep"), "studies.in_python"),
+    **dict.fromkeys(("design", "fit", "influence"), "studies.in_python"),
+    "sweep": "studies.goals.sweep",
 }
 _HOMES |= {
     "Segment": "bodies.segments",

@@ -7,7 +7,7 @@ part, whose nodes all have the same coefficient moves by it, exactly.
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +125,9 @@ class Wetted:
     weights: Array
     slopes: Array
     particle: Index
+
+
+OfAnyKind = TypeVar("OfAnyKind", bound="Model")
 
 
 @dataclass(frozen=True)
@@ -363,14 +366,39 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
     made.grid.locate(
         made.particles.position, made.particles.cell
     )  # each in its cell: kernels do not look
-    if scene.effects.in_a_field:
-        scene.external_field().check_at_rest(
-            made.particles.position, moving=not scene.static, time=time
-        )
-    named = effects.collect(scene, times=None if time is None else np.array([time]))
+    named = _acting(scene, made.particles, time)
     model = _filled(scene, shape, made, named, time)
     effects.check(model)
     return model
+
+
+def reloaded(model: OfAnyKind, scene: Scene) -> OfAnyKind:
+    """The model of a scene that differs from the model's in its loads alone: field, magnetization, remanence and density.
+
+    Raises InputError through the scene's own checks.
+    """
+    loads = _loads(scene, scene.body.shape, model.particles)
+    named = _acting(scene, model.particles, model.time)
+    found = replace(model, scene=scene, effects=named, **loads)
+    effects.check(found)
+    return found
+
+
+def _acting(scene: Scene, particles: Particles, time: float | None) -> tuple[NDArray[Any], ...]:
+    """Records of the effects, at a time. Raises InputError where the field is not known at the particles."""
+    if scene.effects.in_a_field:
+        scene.external_field().check_at_rest(particles.position, moving=not scene.static, time=time)
+    return effects.collect(scene, times=None if time is None else np.array([time]))
+
+
+def _loads(scene: Scene, shape: BodyShape, particles: Particles) -> dict[str, Any]:
+    """What loads act on, of particles (n,): remanence and density, as a model has them."""
+    materials = [scene.materials[region.material_name] for region in shape.regions()]
+    of = particles.segment
+    remanence = np.array([material.remanence for material in materials])[of, None]
+    magnet = remanence * shape.magnetization(particles)
+    density = np.array([material.density or 0.0 for material in materials])[of]
+    return {"remanence": effects.marked(scene, particles, magnet), "density": density}
 
 
 def reshaped(model: Model, shape: BodyShape, made: Discretization | None = None) -> Model:
@@ -404,17 +432,13 @@ def _filled(
     of = particles.segment
     averaged = scene.solver.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
-    remanence = np.array([material.remanence for material in materials])
     return Model(
+        **_loads(scene, shape, particles),
         scene=scene,
         grid=made.grid,
         particles=particles,
         shear=shear[of],
         bulk=(shear * ratio)[of],
-        remanence=effects.marked(
-            scene, particles, remanence[of, None] * shape.magnetization(particles)
-        ),
-        density=np.array([material.density or 0.0 for material in materials])[of],
         effects=named,
         modes=volume_modes(made.grid, particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=made.errors,

@@ -42,7 +42,7 @@ from magmpm.effects.calls import (
     functions_of_changes,
 )
 from magmpm.errors import SolveError
-from magmpm.model import Model, build
+from magmpm.model import build
 from magmpm.results.folder_lock import holder, sign
 from magmpm.results.strain import strain_of
 from magmpm.rod.cantilever import is_cantilever, without_motion
@@ -55,7 +55,7 @@ from magmpm.scene.variables import variables
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import UnknownsLayout, static_model
+from magmpm.statics.layout import StaticModel, UnknownsLayout, model_at_rest, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.rod_start import straight
 from magmpm.statics.stability import mass
@@ -312,7 +312,7 @@ def solve_small(small: Scene) -> None:
 
             follow(small)
         else:
-            found = solve_static(static_model(build(small)))
+            found = solve_static(model_at_rest(small))
             missed_loads(small, found.energy, found.point)
             return
     if (
@@ -325,7 +325,7 @@ def differentiate_small(small: Scene) -> None:
     """Begin to solve a coarse scene, and differentiate it by one variable of each kind."""
     with suppress(SolveError), _briefly():
         each = {variable.kind: variable for variable in variables(small)}
-        found = Linearized(solve_static(static_model(build(small))), list(each.values()))
+        found = Linearized(solve_static(model_at_rest(small)), list(each.values()))
         found.adjoint(found.centreline[:, :, 0])
 
 
@@ -357,16 +357,16 @@ def _begin(_: object, small: dict[str, Any]) -> Callable[[str | Function], bool]
     return compile_part
 
 
-def _built(small: Scene) -> Model:
+def _built(small: Scene) -> StaticModel:
     """The model of a scene; of a fed body, which only its guide holds, as if it were clamped: the kernels are the same."""
     times = small.path_times()
     made = build(small, time=times[0] if times else None)
-    return made if small.effects.feed is None else replace(made, clamped_face=True)
+    return static_model(made if small.effects.feed is None else replace(made, clamped_face=True))
 
 
 def _at_rest(small: Scene) -> tuple[Energy, Point]:
     """The energy of a body, and its undeformed state."""
-    energy = Energy(static_model(_built(small)))
+    energy = Energy(_built(small))
     model = energy.model
     n = len(energy.model.shear)
     rest = np.broadcast_to(model.axes, (n, 3, 3)).copy()
@@ -380,7 +380,7 @@ def _tangent(small: Scene) -> None:
 
 
 def _energy(small: Scene) -> None:
-    energy = Energy(static_model(_built(small)))
+    energy = Energy(_built(small))
     point = energy.at(straight(energy.model))
     energy.residual(point)
     if point.touched is not None and energy.model.touching is not None:
@@ -410,7 +410,7 @@ def _single(small: Scene) -> None:
 
 
 def _layout(small: Scene) -> UnknownsLayout:
-    return static_model(_built(small)).layout
+    return _built(small).layout
 
 
 def _ones(matrix: Bands | Sparse) -> Any:
@@ -431,7 +431,7 @@ def _stability(small: Scene) -> None:
 
 
 def _changes(small: Scene) -> None:
-    energy = Energy(static_model(_built(small)))
+    energy = Energy(_built(small))
     right_sides(energy, energy.at(straight(energy.model)), variables(small))
 
 

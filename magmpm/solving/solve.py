@@ -30,7 +30,7 @@ from magmpm.statics.contact import Touched, contacts_at_rest
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
 from magmpm.statics.interacting import energy_of
-from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.layout import StaticModel, model_at_rest
 from magmpm.statics.newton import factored
 from magmpm.statics.own_contact import OwnContacts
 from magmpm.statics.stability import on_the_brink
@@ -52,6 +52,7 @@ class RunOptions:
 
     on_frame: called with each frame of what is solved along time, whether it is written or not. advise: warn of loads that equilibria lack
     (statics.unnamed_loads); of single ones of bodies that are no cantilevers always. on_note: is told the steps of a motion, in words.
+    judged: find the stability of an equilibrium, a sixth of its time.
     """
 
     start: Result | RodShape | Following | None = None
@@ -62,6 +63,7 @@ class RunOptions:
     on_frame: OnFrame | None = None
     advise: bool = False
     on_note: Callable[[str], None] | None = None
+    judged: bool = True
 
 
 AS_IT_IS = RunOptions()
@@ -83,7 +85,7 @@ def solve(scene: Scene, options: RunOptions = AS_IT_IS) -> Result:
 
 def _rest(scene: Scene, options: RunOptions) -> Result:
     """The equilibrium of a scene, with the warnings that are asked for."""
-    result, found = at_rest(scene, options.start, options.on_progress)
+    result, found = at_rest(scene, options.start, options.on_progress, judged=options.judged)
     advised = options.start is None and (options.advise or not is_cantilever(scene))
     result.warnings.extend(missed_loads(scene, found.energy, found.point) if advised else [])
     return result
@@ -94,11 +96,12 @@ def at_rest(
     start: Result | RodShape | Following | None,
     on_progress: Progress | None,
     uses: Sequence[str] = (SOLVE,),
+    judged: bool = True,
 ) -> tuple[Result, Equilibrium]:
-    """The equilibrium of a scene, as a Result and as the solver found it. uses: of the kernels (precompile)."""
+    """The equilibrium of a scene, as a Result and as the solver found it. uses: of the kernels (precompile); judged: find its stability."""
     begun = time.perf_counter()
     with memory.within(scene):
-        model = static_model(build(scene))
+        model = model_at_rest(scene)
     compiled = prepare_kernels(scene, uses=uses)
     ready = time.perf_counter()
     seconds = {"setup": ready - begun - compiled, "compile": compiled, "solve": 0.0}
@@ -108,6 +111,7 @@ def at_rest(
             correction=_neighbor(model, start),
             rod=start if isinstance(start, RodShape) else None,
             on_step=on_progress,
+            with_stability=judged,
             following=start if isinstance(start, Following) else None,
         )
     except SolveError as error:

@@ -7,7 +7,6 @@ it is found instead, on whatever branch it is.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from operator import attrgetter
 
 import numpy as np
 
@@ -39,19 +38,6 @@ from magmpm.statics.steady_stream import in_stream
 
 RAMP_STEPS = 8
 
-BODY = (
-    "axes",
-    "particles.position",
-    "particles.volume",
-    "shear",
-    "bulk",
-    "weights",
-    "modes",
-    "layout.fixed",
-    "layout.cell_first",
-)
-LOADED = ("remanence", "density")  # what loads act on
-
 
 @dataclass
 class Following:
@@ -67,19 +53,22 @@ class Following:
     body: Unloaded = field(default_factory=Unloaded)
 
     def loaded(self, model: StaticModel) -> Energy:
-        """The energy of a model: the last one with another load, if it is of the same body, magnetized in the same way."""
+        """The energy of a model: the last one with another load, if it is of the same body (model_at_rest), magnetized in the same way."""
         last = None if self.energy is None else self.energy.model
-        if last is None or not _alike(model, last, BODY):
+        if last is None or model.layout is not last.layout:
             self.body = Unloaded()
-        if self.energy is None or last is None or not _alike(model, last, (*BODY, *LOADED)):
+            last = None
+        if self.energy is None or last is None or not _as_loaded(model, last):
             self.energy = Energy(model)
         self.energy.load(model)
         return self.energy
 
 
-def _alike(one: StaticModel, other: StaticModel, parts: tuple[str, ...]) -> bool:
-    """True if two models have the same arrays of these names, to the last bit."""
-    return all(np.array_equal(attrgetter(name)(one), attrgetter(name)(other)) for name in parts)
+def _as_loaded(one: StaticModel, other: StaticModel) -> bool:
+    """True if what loads act on is the same in two models, to the last bit."""
+    return np.array_equal(one.remanence, other.remanence) and np.array_equal(
+        one.density, other.density
+    )
 
 
 @dataclass(frozen=True)

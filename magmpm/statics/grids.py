@@ -22,7 +22,7 @@ from magmpm.statics.axis import carried
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, solve_from, solve_static
 from magmpm.statics.error_estimate import ALGEBRAIC, ORDER, farthest
-from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.layout import StaticModel, model_at_rest
 from magmpm.statics.newton import PAIRS, OnStep, corrected
 from magmpm.statics.tangent_matrix import Bands
 
@@ -193,7 +193,7 @@ class Equilibria(Grids):
         other, share = with_other_blocks(self.on(cells))
         if share == 0.0:
             return 0.0
-        model = static_model(build(other))
+        model = model_at_rest(other)
         found = solve_static(model, on_step=self.on_step, with_stability=False)
         return share * farthest(self._points[cells], self._where(model, found.point.grid))
 
@@ -215,7 +215,7 @@ class Equilibria(Grids):
     def _model(self, cells: int) -> StaticModel:
         if cells not in self.models:
             with memory.within(self.on(cells)):
-                self.models[cells] = static_model(build(self.on(cells)))
+                self.models[cells] = model_at_rest(self.on(cells))
         return self.models[cells]
 
     def _note(self, cells: int, grid: Array, begun: float, steps: float) -> None:

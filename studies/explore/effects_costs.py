@@ -26,7 +26,7 @@ from magmpm.scene import Scene
 from magmpm.solving.precompile import prepare_kernels
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import static_model
+from magmpm.statics.layout import model_at_rest, static_model
 from magmpm.statics.rod_start import straight
 
 Run = Callable[[], object]
@@ -138,8 +138,8 @@ def _energy(scene: Scene) -> Energy:
 def _of_solve(scene: Scene, key: str) -> float:
     """Per cent by which an effect between all particles lengthens a whole solve, as it also changes the number of steps."""
     others = [name for name in scene.effects.named() if name != key]
-    ours = static_model(build(_with(scene, *others, key)))
-    plain = static_model(build(_with(scene, *others)))
+    ours = model_at_rest(_with(scene, *others, key))
+    plain = model_at_rest(_with(scene, *others))
     return added_percent(lambda: solve_static(ours), lambda: solve_static(plain), pairs=2)
 
 

@@ -17,7 +17,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,8 @@ from numpy.typing import NDArray
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Mask
 from magmpm.compiled.process import DIED, PARTIAL, RAISED, answers, started, with_threads
-from magmpm.effects import acting
 from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.vectors import Vector
-from magmpm.model import build
 from magmpm.results.whole_file import whole_file, write_json
 from magmpm.rod.cosserat import RodModel, rod_model
 from magmpm.rod.family import RodFamily
@@ -38,7 +36,7 @@ from magmpm.scene import Scene
 from magmpm.solving.precompile import prepare_kernels
 from magmpm.statics.axis import tip
 from magmpm.statics.equilibrium import Following, solve_static
-from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.layout import model_at_rest
 from magmpm.statics.stability import BRINK
 from magmpm.studies.explore.neighbors import Neighbors
 
@@ -191,23 +189,21 @@ def solved(scene: Scene, paths: Sequence[Path_], processes: int) -> Iterator[Tip
 
 def _begin(pipe: Any, scene: Scene) -> Callable[[Path_], None]:
     """Begin a process: it follows a path, and sends each tip."""
-    model = static_model(build(scene))
 
     def follow(path: Path_) -> None:
-        for found in _along(scene, model, path):
+        for found in _along(scene, path):
             pipe.send((PARTIAL, found))
 
     return follow
 
 
-def _along(scene: Scene, model: StaticModel, path: Path_) -> Iterator[Tip]:
+def _along(scene: Scene, path: Path_) -> Iterator[Tip]:
     """The tips along a path, each found from the ones before."""
     neighbors = Neighbors()
     following = Following(neighbors.expected)
     for index, uniform in path:
-        here = scene.with_field(uniform)
-        loaded = replace(model, scene=here, effects=acting.collect(here))
         try:
+            loaded = model_at_rest(scene.with_field(uniform))
             found = solve_static(loaded, following=following)
         except (MagmpmError, ArithmeticError) as error:
             yield Tip(index, None, np.nan, 0, getattr(error, "reason", str(error)))

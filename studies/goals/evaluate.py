@@ -24,10 +24,10 @@ from magmpm.studies.goals.measures import Measure
 
 @dataclass(frozen=True)
 class Job:
-    """A scene (SI data), the folder of its run, measures by name as plain data, the folder of users' functions, and the least and the
+    """A scene, the folder of its run, measures by name as plain data, the folder of users' functions, and the least and the
     greatest value (SI) of measures that are bounded."""
 
-    scene: dict[str, Any]
+    scene: Scene
     folder: Path
     measures: dict[str, dict[str, Any]]
     functions: Path
@@ -53,7 +53,7 @@ def beyond(value: float, bounds: tuple[float | None, float | None]) -> list[floa
 
 def numbers(job: Job, on_progress: Callable[[int, float], None] | None = None) -> dict[str, float]:
     """The measures of a run, in SI. Raises MagmpmError where it fails, with the reason; BeyondBounds where it need not be run."""
-    scene = Scene.from_si(job.scene)
+    scene = job.scene
     early = Answer(scene, None)
     known = {
         name: measured(job.measures[name], early, name, job.functions)
@@ -83,10 +83,10 @@ def answered(
     return Answer(scene, result, Motion.load(folder) if folder and scene.in_time else None)
 
 
-def tried(job: Job) -> dict[str, Any]:
+def tried(job: Job, on_progress: Callable[[int, float], None] | None = None) -> dict[str, Any]:
     """`numbers` as {"values": ...}, {"beyond": ...} or {"failed": reason}."""
     try:
-        return {"values": numbers(job)}
+        return {"values": numbers(job, on_progress)}
     except BeyondBounds as found:
         return {"beyond": found.numbers}
     except MagmpmError as error:

@@ -11,7 +11,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
-from scipy.spatial.transform import Rotation
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
@@ -176,6 +175,8 @@ class Turn(AtMoment):
         dR = R W, with the skew part of R^T dM = (W P + P W) / 2: w = (tr P - P)^-1 a, a the axial vector of R^T dM - (R^T dM)^T. Then dr is
         w by the inverse of the right Jacobian of SO(3) (Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2, sec. 10.8.2).
         """
+        from scipy.spatial.transform import Rotation  # as in `_turned`
+
         k = self.moment(answer)
         begin, now, share = self._arms(answer, k, at)
         r = self._turned(answer, k, at)
@@ -195,6 +196,8 @@ class Turn(AtMoment):
 
         After full turns the axis of a small rotation says nothing: they are about the axis of the frame before.
         """
+        from scipy.spatial.transform import Rotation  # 0.1 s to import, and few measures turn
+
         vector = np.zeros(3)
         before = [] if answer.motion is None else range(math.ceil(k))
         for moment in [*before, k]:

@@ -336,9 +336,7 @@ class _Seeking:
             self._ended_early(trial, {WHY: evaluate.reason(error)})
             return None
         functions = self.study.path.parent
-        job = evaluate.Job(
-            scene.to_si(), folder, self.study.measures, functions, self.study.bounded
-        )
+        job = evaluate.Job(scene, folder, self.study.measures, functions, self.study.bounded)
         return trial, job
 
     def _here(self, trial: Trial, job: evaluate.Job) -> dict[str, Any]:
@@ -346,26 +344,22 @@ class _Seeking:
         try:
             if self.study.sampler == GAUSS_NEWTON:
                 return {"values": self._with_residuals(trial, job)}
-            watch = self._pruner(trial, job) if self.study.file.prune else None
-            return {"values": evaluate.numbers(job, watch)}
+            return evaluate.tried(job, self._pruner(trial, job) if self.study.file.prune else None)
         except _Hopeless:
             return {"pruned": True}
-        except evaluate.BeyondBounds as found:
-            return {"beyond": found.numbers}
         except MagmpmError as error:
             return {WHY: evaluate.reason(error)}
 
     def _pruner(self, trial: Trial, job: evaluate.Job) -> Callable[[int, float], None]:
         """Return what a motion calls as it goes on: it raises _Hopeless where the goal so far is worse than that of half the trials."""
         parts_of_motion = 10  # of a motion's time, after each of which a trial may be pruned
-        scene = Scene.from_si(job.scene)
         seen = 0
         key = next(iter(job.measures))
         target = self.study.targets[0]
 
         def look(step: int, now: float) -> None:
             nonlocal seen
-            part = int(parts_of_motion * now / scene.duration)
+            part = int(parts_of_motion * now / job.scene.duration)
             if part <= seen or part >= parts_of_motion:
                 return
             seen = part
@@ -373,7 +367,7 @@ class _Seeking:
                 motion = Motion.load(job.folder)
                 if len(motion) < 2:
                     return
-                answer = Answer(scene, None, motion)
+                answer = Answer(job.scene, None, motion)
                 value = evaluate.measured(job.measures[key], answer, key, job.functions)
                 trial.report(
                     self._told([value if target is None else abs(value - target)])[0], part
@@ -397,8 +391,9 @@ class _Seeking:
                 evaluate.forget(kept)
                 shutil.move(job.folder, kept)
                 with suppress(InputError):  # a scene with a table that a file names stays in best/
-                    named = {**job.scene, "name": f"{job.scene['name']}, {self.study.name}"[:100]}
-                    Scene.from_si(named).save(self.out / "best.yaml")
+                    name = f"{job.scene.name}, {self.study.name}"[:100]
+                    named = Scene.from_si({**job.scene.to_si(), "name": name})
+                    named.save(self.out / "best.yaml")
         else:
             self._ended_early(trial, outcome)
         evaluate.forget(job.folder)
@@ -538,7 +533,7 @@ class _Seeking:
         scene = Scene.from_si(Result.load(self.out / "best").scene)
         cells = round(scene.thickness / scene.cell) + 1
         job = evaluate.Job(
-            scene.with_cells(cells).to_si(),
+            scene.with_cells(cells),
             self.out / "finer",
             self.study.measures,
             self.study.path.parent,
@@ -582,7 +577,7 @@ class _Seeking:
             }
             scene = made(self.study.scene, self.study.knobs, params)
             near = self.out / f"near_{k}"
-            job = evaluate.Job(scene.to_si(), near, self.study.measures, self.study.path.parent)
+            job = evaluate.Job(scene, near, self.study.measures, self.study.path.parent)
             outcomes.append(
                 evaluate.tried(job) if pool is None else pool.submit(evaluate.tried, job).result
             )

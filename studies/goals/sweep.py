@@ -21,6 +21,7 @@ from magmpm.results.folder_lock import folder_lock
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import changed, places
 from magmpm.studies.goals import evaluate
+from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import KINDS, Measure
 from magmpm.studies.goals.own_function import function_of, source_of
 
@@ -51,17 +52,6 @@ class SweepTable:
     def __len__(self) -> int:
         """Number of rows."""
         return len(self.rows)
-
-
-@dataclass(frozen=True)
-class _Row:
-    """A run: its scene (SI data), folder, measures by name, the folder of functions that they name, and whether its answer is asked for."""
-
-    scene: dict[str, Any]
-    folder: Path
-    measures: dict[str, dict[str, Any]]
-    beside: Path
-    with_answer: bool
 
 
 def sweep(
@@ -135,7 +125,7 @@ def sweep(
         stack.callback(evaluate.forget, work)
         rows: dict[int, dict[str, Any]] = {}
         keys: dict[int, str] = {}
-        jobs: dict[int, _Row] = {}
+        jobs: dict[int, evaluate.Job] = {}
         for k, (said, made) in enumerate(combined):
             if isinstance(made, InputError):
                 rows[k] = {**said, "failed": evaluate.reason(made)}
@@ -144,7 +134,7 @@ def sweep(
             if keys[k] in known:
                 rows[k] = {**said, **known[keys[k]]}
             else:
-                jobs[k] = _Row(made.to_si(), work / str(k), measures, beside, bool(functions))
+                jobs[k] = evaluate.Job(made, work / str(k), measures, beside)
         count = workers or os.cpu_count() or 1
         if executor is None and count > 1 and len(jobs) > 1:
             executor = stack.enter_context(evaluate.Processes(min(count, len(jobs))))
@@ -163,10 +153,10 @@ def sweep(
 
         if executor is None:
             for k, job in jobs.items():
-                took(k, _measured(job))
+                took(k, _measured(job, bool(functions)))
         else:
             futures: dict[Future[_Outcome], int] = {
-                executor.submit(_measured, job): k for k, job in jobs.items()
+                executor.submit(_measured, job, bool(functions)): k for k, job in jobs.items()
             }
             for done in as_completed(futures):
                 try:
@@ -266,19 +256,29 @@ def _known(folder: Path | None) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _measured(run: _Row) -> _Outcome:
-    """The measures of a run, or why it failed; and its Result or Motion, where it is asked for."""
+def _measured(job: evaluate.Job, with_answer: bool) -> _Outcome:
+    """The measures of a run, or why it failed; and its Result or Motion, where it is asked for.
+
+    The stability of an equilibrium, a sixth of its time, is found where it is asked for, or may be.
+    """
+    from magmpm.simulate import RunOptions, simulated
+
+    scene = job.scene
+    kinds = {kind for of in job.measures.values() for kind in of if of[kind] is not None}
+    judged = with_answer or not kinds.isdisjoint(("stability", "python"))
     try:
-        scene = Scene.from_si(run.scene)
-        answer = evaluate.answered(scene, run.folder if scene.in_time else None)
+        if scene.in_time:
+            answer = evaluate.answered(scene, job.folder)
+        else:
+            answer = Answer(scene, simulated(scene, RunOptions(judged=judged)))
         found = {
-            name: evaluate.measured(data, answer, name, run.beside)
-            for name, data in run.measures.items()
+            name: evaluate.measured(data, answer, name, job.functions)
+            for name, data in job.measures.items()
         }
     except MagmpmError as error:
         return {"failed": evaluate.reason(error)}, None
     asked = answer.result if answer.motion is None else answer.motion
-    return found, asked if run.with_answer else None
+    return found, asked if with_answer else None
 
 
 def _by_functions(functions: Mapping[str, Callable[[Any], Any]], answer: Any) -> dict[str, Any]:

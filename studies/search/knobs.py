@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import divided
@@ -326,6 +325,8 @@ class Turning(Knob):
         for k, place in enumerate(self.places):
             vector = [length * x for x in d]
             if self.around is not None:
+                from scipy.spatial.transform import Rotation  # 0.1 s to import
+
                 turn = Rotation.from_rotvec(k * share * np.array(self.around))
                 vector = turn.apply(vector).tolist()
             found[place] = [f"{x!r} {self.unit}" if self.unit else x for x in vector]

@@ -13,7 +13,9 @@ from goal_study import SCENE, STUDY, plain, searched
 import magmpm
 from magmpm.errors import InputError
 from magmpm.scene import Scene
+from magmpm.scene.addresses import changed, places
 from magmpm.simulate import run
+from magmpm.statics import equilibrium
 from magmpm.studies.goals.measures import function_of
 from magmpm.studies.goals.sweep import ROWS
 
@@ -102,6 +104,43 @@ def test_a_sweep_has_a_row_for_every_combination(tmp_path: Path) -> None:
         on_row=told.append,
     )
     assert len(told) == 1
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_rows_are_runs_whatever_they_change(workers: int) -> None:
+    """To the last bit, where loads alone change, which share a model, and where the body does in between."""
+    scene = Scene.from_si(plain(SCENE))
+    values: dict[str, list[Any]] = {
+        "body.catheter.diameter": ["4 mm", "3.8 mm"],
+        "materials.m.remanence": ["138 mT", "90 mT"],
+        "body.catheter.segments[1].magnetization": [[0, 0, 0], [0, 0, 1]],
+    }
+    table = magmpm.sweep(scene, values, workers=workers)
+    assert len(table) == 8
+    for row in table.rows:
+        settings = {places(scene, address)[0]: row[address] for address in values}
+        alone = run(changed(scene, settings))
+        assert [row["tip_x_m"], row["tip_y_m"], row["tip_z_m"]] == list(alone.tip)
+
+
+def test_stability_is_found_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is a sixth of a run, and tips do without; a measure of it, and functions of a Result, do not."""
+    asked: list[Any] = []
+    found = equilibrium.stability
+
+    def noted(*given: Any) -> float:
+        asked.append(given)
+        return found(*given)
+
+    monkeypatch.setattr(equilibrium, "stability", noted)
+    scene = Scene.from_si(plain(SCENE))
+    values = {"field.uniform[2]": ["2 mT"]}
+    for count, measure in enumerate(["tip", "stability", lambda result: result.stability]):
+        (row,) = magmpm.sweep(scene, values, measure=[measure], workers=1).rows
+        assert len(asked) == count
+        if count:
+            assert run(scene.with_field([0, 0, 2e-3])).stability in row.values()
+            asked.pop()
 
 
 def tip_height(result: Any) -> float:

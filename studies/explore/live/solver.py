@@ -15,7 +15,6 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.process import DONE, RAISED, Died, Process
 from magmpm.errors import InputError, MagmpmError, SolveError
-from magmpm.model import build
 from magmpm.results.measures import region_means
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
@@ -25,7 +24,7 @@ from magmpm.solving.solve import RunOptions
 from magmpm.statics.axis import centreline
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Following
-from magmpm.statics.layout import static_model
+from magmpm.statics.layout import model_at_rest
 from magmpm.statics.rod_start import from_rod, with_correction
 from magmpm.studies.explore.neighbors import Neighbors
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
@@ -87,7 +86,7 @@ class Preview:
             return None
         try:
             rod = solve_rod(scene)
-            model = static_model(build(scene))
+            model = model_at_rest(scene)
         except InputError:
             raise
         except SolveError:
