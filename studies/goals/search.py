@@ -48,6 +48,7 @@ WHY = "failed"
 CONSTRAINTS = "constraints"  # at most 0 each where they hold
 INTERRUPTED = "interrupted"
 CONVERGED = "converged"
+SLOPES = "slopes"  # of a trial along derivatives: goal and what is left to each bound, and their derivatives
 SKIPPED = "skipped"  # whether a pruned trial was not run, as it breaks a bound anyway
 CONTACTS = ("ground", "walls", "self_contact")  # effects in which things touch
 
@@ -207,18 +208,26 @@ class _Seeking:
         return report
 
     def _descend(self, count: int) -> None:
-        """Steps along derivatives, from the best trial so far or from the scene; each is a trial."""
-        best = self._best()
-        begun: dict[str, Any] = {} if best is None else dict(best.params)
-        for knob in self.study.knobs if best is None else ():
+        """Steps along derivatives, from the scene; each is a trial. Those that are stored are not run again, so a search goes on with the
+        next step, and with all that its steps had learned."""
+        begun: dict[str, Any] = {}
+        for knob in self.study.knobs:
             begun |= knob.begun(self.study.scene)
         ranges: Any = distributions(self.study.knobs)  # all of them are smooth
+        stored = {
+            tuple(trial.params[name] for name in ranges): trial.user_attrs.get(SLOPES)
+            for trial in self.known.get_trials(deepcopy=False)
+            if SLOPES in trial.user_attrs or WHY in trial.user_attrs
+        }
 
         def tried(params: dict[str, float]) -> Slopes | None:
-            if self._finished() >= count:
-                raise Enough
-            found = self._with_slopes(params, ranges)
-            return None if found is None else self._rows(found)
+            at = tuple(params.values())
+            if at not in stored:
+                if self._finished() >= count:
+                    raise Enough
+                stored[at] = self._with_slopes(params, ranges)
+            rows = stored[at]
+            return None if rows is None else (np.array(rows[0]), np.array(rows[1]))
 
         if self.known.user_attrs.get(CONVERGED):
             return
@@ -264,8 +273,8 @@ class _Seeking:
 
     def _with_slopes(
         self, params: dict[str, float], ranges: dict[str, FloatDistribution]
-    ) -> dict[str, Derived] | None:
-        """A trial with these parameters, whose measures get derivatives; None where it fails."""
+    ) -> list[Any] | None:
+        """The rows of a trial with these parameters, whose measures get derivatives; None where it fails."""
         self.known.enqueue_trial(params)
         begun = self._begun()
         while begun is not None and begun[0].params != params:  # one that a killed session left
@@ -280,9 +289,11 @@ class _Seeking:
         except MagmpmError as error:
             self._tell(trial, job, {WHY: evaluate.reason(error)})
             return None
+        rows = [part.tolist() for part in self._rows(found)]
+        trial.set_user_attr(SLOPES, rows)
         outcome = {"values": {at: one.value for at, one in found.items()}}
         self._tell(trial, job, outcome)
-        return found
+        return rows
 
     def _derived(self, trial: Trial, job: evaluate.Job, near: Near) -> dict[str, Derived]:
         """The measures of a trial, with derivatives along ways near it. Raises MagmpmError."""

@@ -573,7 +573,7 @@ trials: 14
 
 
 def test_without_a_sampler_it_goes_along_derivatives(tmp_path: Path) -> None:
-    """Farther in 14 trials than TPE in 20, within the bound; resumed from the best; and what has none is searched by TPE."""
+    """Farther in 14 trials than TPE in 20, within the bound; resumed; and what has none is searched by TPE."""
     scene = SCENE.replace("[0, 0, 0]", "[1, 0, 0]")
     (tmp_path / "tpe").mkdir()
     (tmp_path / "own").mkdir()
@@ -605,6 +605,21 @@ def test_without_a_sampler_it_goes_along_derivatives(tmp_path: Path) -> None:
     study = load_goal(written(tmp_path, rough, scene))
     assert study.sampler == "tpe"
     assert study.why_sampler == "subject_to[0] has none"
+
+
+def test_steps_along_derivatives_go_on_where_they_ended(tmp_path: Path) -> None:
+    """A search that is ended twice makes the trials of one that is not, to the last bit, and none again: nor the one that was killed."""
+    scene = SCENE.replace("[0, 0, 0]", "[1, 0, 0]")
+    for name in ("whole", "ended"):
+        (tmp_path / name).mkdir()
+    whole = searched(tmp_path / "whole", RAISED, scene, trials=7)
+    for count in (2, 3):
+        assert searched(tmp_path / "ended", RAISED, scene, trials=count).trials == count
+    kept = optuna.load_study(study_name="study", storage=f"sqlite:///{tmp_path}/ended/out/study.db")
+    kept.ask()  # it runs as its process is killed
+    found = searched(tmp_path / "ended", RAISED, scene, trials=7)
+    assert found.values == whole.values
+    assert len(set(map(str, found.values))) == 7
 
 
 def test_noise_about_the_best_is_told(tmp_path: Path) -> None:
