@@ -2,8 +2,8 @@
 
 A parameter turns numbers of the scene (its places), and the equilibrium answers to these: dm/dp = sum of dm/dv dv/dp over the numbers v.
 dm/dv is that of `magmpm.sensitivities`, exact; dv/dp, and measures that are known without a run, come of differences of scenes, which cost
-no run: of smooth functions, with steps of 1e-4 of a parameter's range, exact to some 1e-8. They are central, and at a bound one-sided, of
-second order too: no step goes beyond it.
+no run: of smooth functions, with steps of 1e-5 of a parameter's range, exact to 1e-9 (of an angle over a full turn, whose range is the
+longest). They are central, and at a bound one-sided, of second order too: no step goes beyond it.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def stencil(params: Params, name: str, space: FloatDistribution) -> list[tuple[f
     ]
 
 
-def shares(value: float, low: float, high: float, step: float = 1e-4) -> list[tuple[float, float]]:
+def shares(value: float, low: float, high: float, step: float = 1e-5) -> list[tuple[float, float]]:
     """Ways from a value within a range, and shares of a function there, whose sum is its derivative.
 
     step: of the range. Source: Fornberg, Mathematics of Computation 51 (1988) 699, table 3.
