@@ -159,6 +159,23 @@ class InputError(MagmpmError):
         )
 
 
+def in_one_line(error: BaseException) -> str:
+    """Say what went wrong, and the rule that was broken, without the remedy.
+
+    Parameters
+    ----------
+    error : BaseException
+        Any error; of those that are no InputError it is the first line.
+
+    Returns
+    -------
+    str
+        The line.
+    """
+    told = str(error).removeprefix("input: ").replace("\n  rule: ", "; ")
+    return told.partition("\n")[0] or type(error).__name__
+
+
 class SceneError(InputError):
     """A value of a scene that turns out to be wrong only when the scene's body is built.
 

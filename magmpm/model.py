@@ -264,19 +264,24 @@ class Model:
         """Select the particles (n,) in cells whose splines may move points of the surface."""
         return well_filled(self.particles, self.scene.body.shape.part_of(self.particles))
 
+    @property
+    def _open_base(self) -> bool:
+        """True if the base is part of the surface: nothing holds it."""
+        return not self.clamped_face and "base" not in dict(self.driven)
+
+    def _particle_of(self, points: SurfacePoints) -> Index:
+        """The particle that moves as each point of the surface."""
+        part = self.scene.body.shape.part_of(self.particles)
+        return particle_of(points, self.grid, self.particles, part, self.well_filled)
+
     @cached_property
     def surface(self) -> ContactSurface | None:
         """Surface by which the body touches obstacles and itself; None where it can't."""
         touches = any(effect.PHASE == "contact" for effect in self.scene.effects.named().values())
         if not (touches or has_hook("contact", self.effects)):
             return None
-        shape = self.scene.body.shape
-        points = shape.surface(
-            self.grid, base=not self.clamped_face and "base" not in dict(self.driven)
-        )
-        particle = particle_of(
-            points, self.grid, self.particles, shape.part_of(self.particles), self.well_filled
-        )
+        points = self.scene.body.shape.surface(self.grid, base=self._open_base)
+        particle = self._particle_of(points)
         held = self.held[particle]
         place = points.position[~held]
         area = points.area[~held]
@@ -294,14 +299,8 @@ class Model:
     @cached_property
     def wetted(self) -> Wetted:
         """Pieces of the body that a fluid around it meets."""
-        shape = self.scene.body.shape
-        found = shape.wetted(
-            self.grid, base=not self.clamped_face and "base" not in dict(self.driven)
-        )
-        points = SurfacePoints(found.place, found.size, found.region)
-        particle = particle_of(
-            points, self.grid, self.particles, shape.part_of(self.particles), self.well_filled
-        )
+        found = self.scene.body.shape.wetted(self.grid, base=self._open_base)
+        particle = self._particle_of(SurfacePoints(found.place, found.size, found.region))
         free = ~self.held[particle]
         surface = WettedSurface(**{name: values[free] for name, values in vars(found).items()})
         on = particle[free]

@@ -182,12 +182,17 @@ def rod_particles(
     return extruded(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
 
 
+def _cells_across(grid: Grid) -> Index:
+    """Numbers (r, 2) along y and z of a section's cells."""
+    _, ny, nz = grid.cells
+    return np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
+
+
 def rod_section(
     grid: Grid, *, outer: float, inner: float, particles_per_cell: int
 ) -> tuple[Index, tuple[Array, Array, Index]]:
     """Cells (r, 2) of a round section's grid, and the `section_points` of the section in them."""
-    _, ny, nz = grid.cells
-    index = np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
+    index = _cells_across(grid)
     low = grid.origin[1:] + index * grid.spacing[1:]
     return index, section_points(low, low + grid.spacing[1:], outer, inner, particles_per_cell)
 
@@ -273,8 +278,7 @@ def strip_particles(
 
     segment_ends (k,) m: x of each segment's end. A cell that two segments share is cut between them.
     """
-    _, ny, nz = grid.cells
-    index = np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
+    index = _cells_across(grid)
     middle = grid.origin[1:] + (index + 0.5) * grid.spacing[1:]
     rules = [
         (np.zeros(1), np.ones(1)) if one_wide else gauss(particles_per_cell),

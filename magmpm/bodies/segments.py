@@ -70,8 +70,12 @@ def ring(outer: float, inner: float, G: Array, E: Array, nu: Array) -> Section:
         6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
     )
     twist_bend = np.stack([2 * G * inertia, E * inertia, E * inertia], axis=1)
-    compliance = np.stack([1 / (E * area), 1 / (shear * G * area), 1 / (shear * G * area)], axis=1)
-    return Section(float(area), twist_bend, compliance)
+    return Section(float(area), twist_bend, _compliance(area, E, shear * G))
+
+
+def _compliance(area: float, E: Array, G: Array) -> Array:
+    """Strains (k, 3) per N: along the axis and, with the moduli G that shear feels, across it."""
+    return np.stack([1 / (E * area), 1 / (G * area), 1 / (G * area)], axis=1)
 
 
 def rectangle(
@@ -119,8 +123,7 @@ def rectangle(
             [G * torsion_constant(width, thickness), E * second_moments[0], E * second_moments[1]],
             axis=1,
         )
-    compliance = np.stack([1 / (E * area), 1 / (shear * G * area), 1 / (shear * G * area)], axis=1)
-    return Section(area, twist_bend, compliance)
+    return Section(area, twist_bend, _compliance(area, E, shear * G))
 
 
 def torsion_constant(width: float, thickness: float) -> float:

@@ -64,7 +64,7 @@ def places(scene: Scene, address: str) -> list[Place]:
             {re.sub(r"\[\d+\]", "[*]", written(leaf)) for leaf in _leaves(scene.to_si())}
         )
         near = get_close_matches(re.sub(r"\[\d+\]", "[*]", address), known, cutoff=0.5)
-        near = [_indexed(name, address) for name in near]
+        near = [_indexed(name, address, scene) for name in near]
         raise InputError(
             address,
             received="an address",
@@ -78,15 +78,15 @@ def places(scene: Scene, address: str) -> list[Place]:
     return found
 
 
-def _indexed(name: str, address: str) -> str:
-    """A name with the indices of an address in place of [*], where both have them at the same keys; the address itself is no advice."""
+def _indexed(name: str, address: str, scene: Scene) -> str:
+    """A name with the indices of an address in place of [*], where both have them at the same keys, and the scene has something there."""
     if [part.count("[") for part in name.split(".")] != [
         part.count("[") for part in address.split(".")
     ]:
         return name
     indices = iter(re.findall(r"\[[^\]]*\]", address))
     found = re.sub(r"\[\*\]", lambda _: next(indices), name)
-    return name if found == address else found
+    return found if any(_expanded(scene.to_si(), _parts(found), ())) else name
 
 
 def value_at(scene: Scene, place: Place, *, units: bool = False) -> Any:

@@ -58,7 +58,6 @@ from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import StaticModel, UnknownsLayout, model_at_rest, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.rod_start import straight
-from magmpm.statics.stability import mass
 from magmpm.statics.tangent_matrix import Bands, Sparse, new_matrix
 from magmpm.statics.unnamed_loads import missed_loads
 
@@ -427,7 +426,7 @@ def _solved(matrix: Any, layout: UnknownsLayout) -> None:
 
 def _stability(small: Scene) -> None:
     energy, point = _at_rest(small)
-    energy.products(point, mass(energy, np.zeros((energy.shape[0], 1, energy.shape[1]))))
+    energy.products(point, energy.mass(np.zeros((energy.shape[0], 1, energy.shape[1]))))
 
 
 def _changes(small: Scene) -> None:

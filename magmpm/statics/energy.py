@@ -203,6 +203,20 @@ class Energy:
         """Solutions for right-hand sides (planes, k, m), from the factored tangent."""
         return self.matrix.solve_columns(right)
 
+    def mass(self, columns: Array) -> Array:
+        """The mass matrix of unit density times columns (planes, k, m)."""
+        count = columns.shape[1]
+        n = len(self.model.shear)
+        u = np.empty((count, n, 3))
+        for k in range(count):
+            u[k] = self.displacement(np.ascontiguousarray(columns[:, k]))
+        return self.each_scattered(np.zeros((count, n, 3, 3)), -u)
+
+    @cached_property
+    def volumes(self) -> Array:
+        """Volumes (planes, 1, m) of the unknowns' splines: a mass matrix good enough to find soft vectors, since these are smooth."""
+        return np.abs(self.mass(np.ones((self.shape[0], 1, self.shape[1]))))
+
     def products(self, point: Point, columns: Array) -> tuple[Array, Array]:
         """The second derivative (N), and the mass matrix of unit density, times columns (planes, k, m)."""
         planes, count, _ = columns.shape

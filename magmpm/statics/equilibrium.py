@@ -33,7 +33,7 @@ from magmpm.statics.interacting import InteractingEnergy, minimize_with_interact
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import FOLLOWING, USUAL, Minimum, OnStep, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
-from magmpm.statics.stability import Unloaded, stability
+from magmpm.statics.stability import stability
 from magmpm.statics.steady_stream import in_stream
 
 RAMP_STEPS = 8
@@ -41,7 +41,7 @@ RAMP_STEPS = 8
 
 @dataclass
 class Following:
-    """Data that a solve leaves for its neighbors: its energy with all arrays, and what is known of the unloaded body.
+    """Data that a solve leaves for its neighbors: its energy with all arrays.
 
     expected: what neighbors say that a solve will add to its rod, coefficients (planes, m), m, in the rod's frames; None: they don't know.
     judged: whether the stability of each is found.
@@ -50,24 +50,22 @@ class Following:
     expected: Callable[[RodShape], Array | None]
     with_stability: bool = True
     energy: Energy | None = None
-    body: Unloaded = field(default_factory=Unloaded)
 
     def loaded(self, model: StaticModel) -> Energy:
         """The energy of a model: the last one with another load, if it is of the same body (model_at_rest), magnetized in the same way."""
         last = None if self.energy is None else self.energy.model
-        if last is None or model.layout is not last.layout:
-            self.body = Unloaded()
-            last = None
-        if self.energy is None or last is None or not _as_loaded(model, last):
+        if self.energy is None or last is None or not _alike(model, last):
             self.energy = Energy(model)
         self.energy.load(model)
         return self.energy
 
 
-def _as_loaded(one: StaticModel, other: StaticModel) -> bool:
-    """True if what loads act on is the same in two models, to the last bit."""
-    return np.array_equal(one.remanence, other.remanence) and np.array_equal(
-        one.density, other.density
+def _alike(one: StaticModel, other: StaticModel) -> bool:
+    """True if two models share what loads do not change (model_at_rest), and what loads act on is the same to the last bit."""
+    return (
+        one.layout is other.layout
+        and np.array_equal(one.remanence, other.remanence)
+        and np.array_equal(one.density, other.density)
     )
 
 
@@ -140,9 +138,8 @@ def solve_static(
                 found = _in_stream(model, found, on_step)
             assert found.energy is not None
             found.energy.alone.settled()
-            known = None if following is None else following.body
             with_stability = with_stability and (following is None or following.with_stability)
-            settled = stability(found.energy, found.point, known) if with_stability else None
+            settled = stability(found.energy, found.point) if with_stability else None
             return replace(found, stability=settled)
         except SolveError as error:
             state = error.state

@@ -31,6 +31,7 @@ from magmpm.statics.newton import (
     OnStep,
     corrected,
     factored,
+    fall,
 )
 
 MOST_PRODUCTS = 200
@@ -213,11 +214,11 @@ def minimize_with_interaction(
             factored(alone, point)
             age = 0
         direction = corrected(gradient, remembered, lambda g: -alone.matrix.solve(g))
-        decrement = -float(np.sum(gradient * direction)) / 2
+        decrement = fall(gradient, direction)
         if not decrement > 0:  # the remembered steps are out of date
             remembered.clear()
             direction = -alone.matrix.solve(gradient)
-            decrement = -float(np.sum(gradient * direction)) / 2
+            decrement = fall(gradient, direction)
         scale = max(abs(point.energy - rest), alone.least_scale())
         if on_step is not None:
             on_step(step, decrement / scale)

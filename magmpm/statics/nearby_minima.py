@@ -16,7 +16,7 @@ from magmpm.statics.definite import Definite, lowest_mode
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import NEAR_MINIMUM, ROUNDING_AT_REST, OnStep, _chord_steps
+from magmpm.statics.newton import NEAR_MINIMUM, ROUNDING_AT_REST, OnStep, _chord_steps, fall
 
 CONTRACTION = 0.5  # of Newton's steps, below which they are sure to stay with the branch
 MOST_FALLING = 400  # steps of a fall
@@ -61,7 +61,7 @@ class NearbyMinima:
             if pattern is not None and not np.array_equal(on, pattern):  # another tangent
                 on = pattern
                 allowed = np.inf
-            decrement = -float(np.sum(residual * direction)) / 2
+            decrement = fall(residual, direction)
             scale = max(abs(point.energy - rest), energy.least_scale())
             if self._tell is not None:
                 self._tell(step + 1, decrement / scale)
@@ -150,7 +150,7 @@ class NearbyMinima:
             self.spent += 1
             residual = residual + mu * mass * (point.grid - before.grid)
             direction = -energy.matrix.solve(residual)
-            decrement = -float(np.sum(residual * direction)) / 2
+            decrement = fall(residual, direction)
             if turn == 0:
                 self._decrement = decrement
             point = energy.at(point.grid + direction)

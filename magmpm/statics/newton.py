@@ -97,7 +97,7 @@ def minimize(
         residual, direction, shift = _step(energy, point, least_shift)
         least_shift = 0.0
         shifted = shifted + 1 if shift > 0.0 else 0
-        decrement = -float(np.sum(residual * direction)) / 2
+        decrement = fall(residual, direction)
         scale = max(abs(point.energy - rest), energy.least_scale())
         if (
             tolerance * scale < decrement < NEAR_MINIMUM * scale and shift > 0.0
@@ -105,7 +105,7 @@ def minimize(
             residual, direction, shift = _step(
                 energy, point, 1e-9
             )  # the softest modes, bending and twist, are 1e-7 to 1e-9 as stiff
-            decrement = -float(np.sum(residual * direction)) / 2
+            decrement = fall(residual, direction)
         if decrement < chord.near * scale and shift == 0.0:
             near, reached = _chord_steps(
                 energy, point, residual, direction, decrement, tolerance * scale, chord
@@ -179,6 +179,11 @@ def _unsettled(energy: Energy, direction: Array) -> str:
     )
 
 
+def fall(residual: Array, direction: Array) -> float:
+    """Decrement of the energy, J, that a quadratic has along a Newton step."""
+    return -float(np.sum(residual * direction)) / 2
+
+
 def _expected_shift(energy: Energy, point: Point) -> float:
     """Likely shift for a start: its section field ignores the clamp, and where the pressure there exceeds G, no factorization succeeds."""
     ratio = float(np.max(energy.model.bulk / energy.model.shear))
@@ -230,7 +235,7 @@ def _chord_steps(
         if chord.corrected:
             pairs = [*pairs[1 - PAIRS :], (direction, residual - before)]
         direction = corrected(residual, pairs, lambda right: -energy.matrix.solve(right))
-        reached = -float(np.sum(residual * direction)) / 2
+        reached = fall(residual, direction)
         if reached < enough:
             last = energy.at(trial.grid + direction)  # its decrement is even smaller
             return (last, reached) if _same_contact(trial, last) else (point, decrement)
@@ -281,7 +286,7 @@ def refined(energy: Energy, point: Point, enough: float = 1e-18) -> Point:
     for _ in range(6):
         residual = energy.residual(point)
         direction = -energy.matrix.solve(residual)
-        decrement = -float(np.sum(residual * direction)) / 2
+        decrement = fall(residual, direction)
         trial = energy.at(point.grid + direction)
         if not (0.0 < decrement < 0.5 * last and trial.min_det_F > 0):
             break

@@ -11,13 +11,12 @@ preconditioned residual is added until it would change little. Source: Knyazev, 
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
-from magmpm.kernels.equilibrium import grid_to_particles
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import StaticModel
@@ -32,29 +31,13 @@ BRINK = 0.02  # of the unloaded body's least stiffness: below, an equilibrium ha
 Products = Callable[[Array], tuple[Array, Array]]
 
 
-@dataclass
-class Unloaded:
-    """Quantities that are the same for all loads of a body: volumes of unknowns (planes, 1, m), smallest eigenvalue at rest.
-
-    Soft vectors are not: vectors of one symmetry, followed from load to load, would never become those of another.
-    """
-
-    lumped: Array | None = None
-    rest: float | None = None
-
-
-def stability(
-    energy: Energy | InteractingEnergy, point: Point, body: Unloaded | None = None
-) -> float:
+def stability(energy: Energy | InteractingEnergy, point: Point) -> float:
     """Smallest eigenvalue of the tangent at an equilibrium over that of the unloaded body, no unit.
 
     energy: of the solve, with its last factors in its matrix, which stay; with interaction, the other parts are factored here.
-    body: what an earlier call for the same body found.
     """
     alone = energy.alone
-    body = body or Unloaded()
-    rest = body.rest = _of_rest(alone) if body.rest is None else body.rest
-    body.lumped = _lumped(alone) if body.lumped is None else body.lumped
+    rest = _of_rest(alone)
     here = energy.at(point.grid)  # and tables that follow the shape
     stiffer = 1.0
     if isinstance(
@@ -62,10 +45,7 @@ def stability(
     ):  # its last factors are of a tangent with another shift, or several steps old
         energy.factor(here)
         stiffer += energy.shift / rest
-    return (
-        _smallest(alone, lambda columns: energy.products(here, columns), rest, body.lumped, stiffer)
-        / rest
-    )
+    return _smallest(alone, lambda columns: energy.products(here, columns), rest, stiffer) / rest
 
 
 def on_the_brink(stability: float | None) -> list[str]:
@@ -103,17 +83,15 @@ def _of_rest(energy: Energy) -> float:
     key = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).digest()
     if key not in _rest:
         bare, at = unloaded(replace(model, touching=None, pairs=None))
-        _rest[key] = _smallest(bare, lambda columns: bare.products(at, columns), 0.0, _lumped(bare))
+        _rest[key] = _smallest(bare, lambda columns: bare.products(at, columns), 0.0)
         while len(_rest) > 64:  # bodies
             _rest.popitem(last=False)
     _rest.move_to_end(key)
     return _rest[key]
 
 
-def _smallest(
-    energy: Energy, products: Products, scale: float, lumped: Array, stiffer: float = 1.0
-) -> float:
-    """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes;
+def _smallest(energy: Energy, products: Products, scale: float, stiffer: float = 1.0) -> float:
+    """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself;
     stiffer: how many times as stiff the factors in the energy's matrix may be in the softest motions.
     """
     # of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of
@@ -124,9 +102,9 @@ def _smallest(
     most_added = 40
     X = _start(energy)
     for _ in range(2):  # rounds of inverse iteration
-        MX = lumped * X
+        MX = energy.volumes * X
         X = energy.solve_columns(_mixed(MX, _orthonormal(_inner(X, MX))))
-    X = _mixed(X, _orthonormal(_inner(X, lumped * X)))
+    X = _mixed(X, _orthonormal(_inner(X, energy.volumes * X)))
     KX, MX = products(X)
     value = np.inf
     for _ in range(most_added):
@@ -188,26 +166,3 @@ def _start(energy: Energy) -> Array:
     out[:, 2, :, 0] = 0.1 * (1.0 + x)[:, None]
     turned = out @ model.frame.T
     return energy.free_columns(turned.reshape(layout.planes, COLUMNS, layout.m))
-
-
-def _lumped(energy: Energy) -> Array:
-    """Volumes (planes, 1, m) of the unknowns' splines: a mass matrix good enough to find soft vectors, since these are smooth."""
-    return np.abs(mass(energy, np.ones((energy.shape[0], 1, energy.shape[1]))))
-
-
-def mass(energy: Energy, columns: Array) -> Array:
-    """The mass matrix of unit density times columns (planes, k, m)."""
-    count = columns.shape[1]
-    n = len(energy.model.shear)
-    u = np.empty((count, n, 3))
-    F = np.empty((n, 3, 3))
-    for k in range(count):
-        grid_to_particles(
-            energy.cells,
-            energy.particles,
-            np.ascontiguousarray(columns[:, k]),
-            energy.model.axes,
-            u[k],
-            F,
-        )
-    return energy.each_scattered(np.zeros((count, n, 3, 3)), -u)

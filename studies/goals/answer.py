@@ -39,6 +39,24 @@ def inserted_at(scene: Scene, time: float) -> float:
     return scene.length - feed.exit + feed.speed * time
 
 
+def check_region(scene: Scene, name: str, at: str) -> None:
+    """Raises InputError for a name that is not body, tip where there is one, or one of a scene's parts or segments."""
+    parts = scene.body.parts
+    _known(name, [] if parts is not None and parts.tip is None else ["tip"], scene, at)
+
+
+def _known(name: str, more: list[str], scene: Scene, at: str) -> None:
+    """Raises InputError for a name that is neither body, nor of a region, nor one of these."""
+    names = ["body", *more, *(region.name for region in scene.regions())]
+    if name not in names:
+        raise InputError(
+            f"{at}.of",
+            received=repr(name),
+            rule=f"must be one of {', '.join(names)}",
+            remedy="correct the name; parts have a tip where `body.parts.tip` says so, and it has a place alone",
+        )
+
+
 @dataclass(frozen=True)
 class Answer:
     """A scene, its result, and the frames of what ran along time. Of a motion that still runs, result is None; of a scene that has not run,
@@ -97,15 +115,14 @@ class Answer:
         if name == "tip" and self.model.line is not None:
             along = self.model.particles.cell[:, 0]
             return np.asarray(along == along.max())
+        _known(name, [], self.scene, at)
         names = [region.name for region in self.scene.regions()]
-        if name not in names:
-            raise InputError(
-                f"{at}.of",
-                received=repr(name),
-                rule=f"must be tip, body, or one of {', '.join(names)}",
-                remedy="correct the name; of parts a tip has a place alone, so name the part",
-            )
         return np.asarray(self.model.particles.segment == names.index(name))
+
+    @property
+    def given(self) -> Any:
+        """What a user's function gets: the motion, or else the result."""
+        return self.result if self.motion is None else self.motion
 
     @property
     def _path(self) -> bool:
@@ -122,15 +139,8 @@ class Answer:
             on = self.region(of, at)
             volume = self.model.particles.volume[on]
             return np.asarray(volume @ self.particles(k)[on] / volume.sum())
-        tip = self.axis_and_tip(k)[1]
-        if tip is None:
-            raise InputError(
-                f"{at}.of",
-                received="'tip'",
-                rule="this body of parts names no tip",
-                remedy="name a part, or give the scene `body.parts.tip`",
-            )
-        return np.asarray(tip)
+        check_region(self.scene, of, at)
+        return np.asarray(self.axis_and_tip(k)[1])
 
     def axis_and_tip(self, k: float | None) -> tuple[Array, Array | None]:
         """Rows [s, x, y, z] (m, 4) m of a straight body's axis, and the tip (3,) m if there is one, at moment k, None: undeformed."""

@@ -13,13 +13,16 @@ from queue import SimpleQueue
 from typing import Any
 
 from magmpm.compiled.process import Died, Process, threads_each, with_threads
-from magmpm.errors import InputError, MagmpmError
+from magmpm.errors import InputError, MagmpmError, in_one_line
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import validate
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
+from magmpm.studies.goals import Bounds, Plain
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import Measure
+
+Progress = Callable[[int, float], None]  # called with the number of a step, and the time (s)
 
 
 @dataclass(frozen=True)
@@ -29,9 +32,9 @@ class Job:
 
     scene: Scene
     folder: Path
-    measures: dict[str, dict[str, Any]]
+    measures: dict[str, Plain]
     functions: Path
-    bounds: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    bounds: dict[str, Bounds] = field(default_factory=dict)
 
 
 class BeyondBounds(MagmpmError):
@@ -42,7 +45,7 @@ class BeyondBounds(MagmpmError):
         self.numbers = numbers
 
 
-def beyond(value: float, bounds: tuple[float | None, float | None]) -> list[float]:
+def beyond(value: float, bounds: Bounds) -> list[float]:
     """Return how far a value is beyond each of its bounds, as a share of the larger one: at most 0 where it keeps it. Beside a bound of 0
     alone, in SI."""
     least, greatest = bounds
@@ -51,7 +54,7 @@ def beyond(value: float, bounds: tuple[float | None, float | None]) -> list[floa
     return found if greatest is None else [*found, (value - greatest) / scale]
 
 
-def numbers(job: Job, on_progress: Callable[[int, float], None] | None = None) -> dict[str, float]:
+def numbers(job: Job, on_progress: Progress | None = None) -> dict[str, float]:
     """The measures of a run, in SI. Raises MagmpmError where it fails, with the reason; BeyondBounds where it need not be run."""
     scene = job.scene
     early = Answer(scene, None)
@@ -73,9 +76,7 @@ def measured(data: Mapping[str, Any], answer: Answer, at: str, functions: Path) 
     return validate(Measure, data).of_answer(answer, at, functions)
 
 
-def answered(
-    scene: Scene, folder: Path | None, on_progress: Callable[[int, float], None] | None = None
-) -> Answer:
+def answered(scene: Scene, folder: Path | None, on_progress: Progress | None = None) -> Answer:
     """Run a scene in a folder, which equilibria do without. Raises MagmpmError."""
     from magmpm.simulate import run
 
@@ -83,19 +84,14 @@ def answered(
     return Answer(scene, result, Motion.load(folder) if folder and scene.in_time else None)
 
 
-def tried(job: Job, on_progress: Callable[[int, float], None] | None = None) -> dict[str, Any]:
+def tried(job: Job, on_progress: Progress | None = None) -> Plain:
     """`numbers` as {"values": ...}, {"beyond": ...} or {"failed": reason}."""
     try:
         return {"values": numbers(job, on_progress)}
     except BeyondBounds as found:
         return {"beyond": found.numbers}
     except MagmpmError as error:
-        return {"failed": reason(error)}
-
-
-def reason(error: BaseException) -> str:
-    """The first line of what went wrong."""
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+        return {"failed": in_one_line(error)}
 
 
 class Processes(ThreadPoolExecutor):

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import value_at, written
 from magmpm.scene.variables import check_differentiable, variables
-from magmpm.studies.goals import evaluate
+from magmpm.studies.goals import Bounds, Plain, evaluate
 from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile, VaryAnything
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.own_function import function_of, source_of
@@ -35,10 +35,10 @@ class GoalStudy:
     scene: Scene
     knobs: tuple[Knob, ...]
     targets: tuple[float | None, ...]  # SI, of each goal
-    bounds: tuple[tuple[float | None, float | None], ...]  # SI, of each constraint: least, greatest
+    bounds: tuple[Bounds, ...]  # SI, of each constraint: least, greatest
 
     @property
-    def measures(self) -> dict[str, dict[str, Any]]:
+    def measures(self) -> dict[str, Plain]:
         """Every measure by its place in the file."""
         found = {
             f"goal[{k}].{goal.key}": goal.measure.model_dump(by_alias=True, exclude={"value"})
@@ -122,7 +122,7 @@ class GoalStudy:
         return [shown_unit(name.partition(" ")[2]) for name in self.names]
 
     @property
-    def limits(self) -> list[dict[str, Any]]:
+    def limits(self) -> list[Plain]:
         """Each constraint, and each of several targets: its place in the file, its label, and its bounds in words."""
         found = []
         for goal, at, target in zip(self.file.goals, self.measures, self.targets, strict=False):
@@ -148,7 +148,7 @@ class GoalStudy:
         return json.dumps({"scene": self.scene.hash(), **said}, sort_keys=True, default=str)
 
     @property
-    def bounded(self) -> dict[str, tuple[float | None, float | None]]:
+    def bounded(self) -> dict[str, Bounds]:
         """The bounds of each constraint by its place in the file."""
         return {f"subject_to[{k}]": of for k, of in enumerate(self.bounds)}
 

@@ -21,7 +21,7 @@ from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, Point
 from magmpm.scene import Scene
 from magmpm.statics.surface_pairs import pair_name
-from magmpm.studies.goals.answer import Answer, inserted_at, pushed, time_of
+from magmpm.studies.goals.answer import Answer, check_region, inserted_at, pushed, time_of
 from magmpm.studies.goals.own_function import called, function_of
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.search.study_checks import check_shape
@@ -567,9 +567,11 @@ class Measure(Settings):
         )
 
     def check_moments(self, scene: Scene, at: str) -> None:
-        """Raises InputError for a time at which the scene has no answer, a length that nobody pushes out of a guide, and a contact that
-        the scene has not."""
+        """Raises InputError for a time at which the scene has no answer, a length that nobody pushes out of a guide, and a contact or
+        a part that the scene has not."""
         kind = None if self.python is not None else getattr(self, self.name)
+        for of in sorted(self.regions):
+            check_region(scene, of, at)
         if isinstance(kind, ContactForce):
             kind.named(scene, at)
         if isinstance(kind, Shape):
@@ -627,10 +629,8 @@ class Measure(Settings):
     def of_answer(self, answer: Answer, at: str, folder: Path) -> float:
         """The number, in SI. Raises InputError, or MagmpmError where a user's function fails."""
         if self.python is not None:
-            found = called(function_of(self.python, folder, at), answer, at)
-        else:
-            found = getattr(self, self.name).of_answer(answer, at)
+            return called(function_of(self.python, folder, at), answer.given, f"{at}.python")
+        found = getattr(self, self.name).of_answer(answer, at)
         if not math.isfinite(found):
-            named = self.python or self.name
-            raise MagmpmError(f"{at}: {named} gave {found}, which is no finite number")
-        return found
+            raise MagmpmError(f"{at}: {self.name} gave {found}, which is no finite number")
+        return float(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from magmpm.errors import InputError, MagmpmError
-from magmpm.studies.goals.answer import Answer
 
 
 def function_of(text: str, folder: Path, at: str) -> Callable[[Any], Any]:
@@ -47,18 +47,18 @@ def source_of(text: str, folder: Path) -> str:
     return (folder / text.rpartition(":")[0]).read_text(encoding="utf-8")
 
 
-def called(function: Callable[[Any], Any], answer: Answer, at: str) -> float:
-    """Call a user's function. Raises MagmpmError where it raises, or returns no number."""
+def called(function: Callable[[Any], Any], given: Any, at: str) -> float:
+    """Call a user's function of a Result or a Motion. Raises MagmpmError where it raises, or returns no finite number."""
     try:
-        found = function(answer.result if answer.motion is None else answer.motion)
+        found = function(given)
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         raise MagmpmError(
-            f"{at}.python: it raised {type(error).__name__}: {error}"
+            f"{at}: it raised {type(error).__name__}: {error}"
             f" ({Path(place.filename).name}, line {place.lineno})"
         ) from error
-    if isinstance(found, bool) or not isinstance(found, (int, float, np.integer, np.floating)):
-        raise MagmpmError(
-            f"{at}.python: it returned {type(found).__name__}, and must return a number"
-        )
+    number = isinstance(found, (int, float, np.integer, np.floating)) and type(found) is not bool
+    if not (number and math.isfinite(found)):
+        shown = found if number else type(found).__name__
+        raise MagmpmError(f"{at}: it returned {shown}, and must return a finite number")
     return float(found)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from magmpm.errors import in_words, significant
 from magmpm.results.file_names import MOMENTS, MOVIE, PICTURE
+from magmpm.studies.goals import Plain
 
 REPORT = "goal.json"
 PROGRESS = "progress.png"
@@ -36,24 +36,24 @@ class GoalReport:
 
     name: str
     goals: list[str]
-    limits: list[dict[str, Any]]
+    limits: list[Plain]
     trials: int
     values: list[list[float] | None]
     feasible: list[bool]
     ends: list[str]
-    best: dict[str, Any] | None
-    pareto: list[dict[str, Any]]
-    begun: dict[str, Any]
+    best: Plain | None
+    pareto: list[Plain]
+    begun: Plain
     tied: dict[str, int]
-    failed: list[dict[str, Any]]
+    failed: list[Plain]
     pruned: int
     skipped: int
     study_file: str
     sampler: str
     storage: str
     seconds_per_trial: float
-    finer: dict[str, Any] | None = None
-    scatter: dict[str, Any] | None = None
+    finer: Plain | None = None
+    scatter: Plain | None = None
     why_sampler: str | None = None
     ended: str = "done"
     warnings: list[str] = field(default_factory=list)
@@ -66,7 +66,7 @@ class GoalReport:
         goals = " and ".join(self.goals)
         return f"GoalReport({self.name!r}: {goals}; {self.trials} trials; best: {best})"
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Plain:
         """Plain data."""
         return {**vars(self), "out": str(self.out)}
 

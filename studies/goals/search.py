@@ -19,13 +19,13 @@ from optuna.distributions import FloatDistribution
 from optuna.trial import TrialState
 
 from magmpm.compiled.process import Died
-from magmpm.errors import InputError, MagmpmError, in_words
+from magmpm.errors import InputError, MagmpmError, in_one_line, in_words
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.results.whole_file import write_json
 from magmpm.scene import Scene
 from magmpm.studies.engine.storage_url import shown_url, storage_url
-from magmpm.studies.goals import evaluate
+from magmpm.studies.goals import Plain, evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.descend import Enough, Slopes, descend
 from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP
@@ -126,7 +126,7 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
             known.set_metric_names([label for label, _ in study.shown])
-        begun: dict[str, Any] = {}
+        begun: Plain = {}
         for knob in study.knobs:
             begun |= knob.begun(study.scene)
         if study.sampler != SLSQP:  # which begins there by itself
@@ -161,7 +161,7 @@ class _Seeking:
         """Trials until there are `count`, then the best on more cells."""
         self.wanted = count
         ended = "done"
-        running: dict[Future[dict[str, Any]], tuple[Trial, evaluate.Job]] = {}
+        running: dict[Future[Plain], tuple[Trial, evaluate.Job]] = {}
         with ExitStack() as stack:
             pool = (
                 stack.enter_context(evaluate.Processes(self.workers)) if self.workers > 1 else None
@@ -210,7 +210,7 @@ class _Seeking:
     def _descend(self, count: int) -> None:
         """Steps along derivatives, from the scene; each is a trial. Those that are stored are not run again, so a search goes on with the
         next step, and with all that its steps had learned."""
-        begun: dict[str, Any] = {}
+        begun: Plain = {}
         for knob in self.study.knobs:
             begun |= knob.begun(self.study.scene)
         ranges: Any = distributions(self.study.knobs)  # all of them are smooth
@@ -287,7 +287,7 @@ class _Seeking:
         try:
             found = self._derived(trial, job, near)
         except MagmpmError as error:
-            self._tell(trial, job, {WHY: evaluate.reason(error)})
+            self._tell(trial, job, {WHY: in_one_line(error)})
             return None
         rows = [part.tolist() for part in self._rows(found)]
         trial.set_user_attr(SLOPES, rows)
@@ -306,9 +306,7 @@ class _Seeking:
             job.folder,
         )
 
-    def _with_residuals(
-        self, trial: Trial, job: evaluate.Job, enough: float = 1e-7
-    ) -> dict[str, Any]:
+    def _with_residuals(self, trial: Trial, job: evaluate.Job, enough: float = 1e-7) -> Plain:
         """The outcome of a trial of Gauss-Newton's sampler, which reads what its targets miss by, and the derivatives, from the trial.
 
         enough: of what a unit of all its numbers moves, where the targets are met.
@@ -344,13 +342,11 @@ class _Seeking:
         try:
             scene = made(self.study.scene, self.study.knobs, trial.params)
         except InputError as error:
-            self._ended_early(trial, {WHY: evaluate.reason(error)})
+            self._ended_early(trial, {WHY: in_one_line(error)})
             return None
-        functions = self.study.path.parent
-        job = evaluate.Job(scene, folder, self.study.measures, functions, self.study.bounded)
-        return trial, job
+        return trial, self._job(scene, folder, bounds=self.study.bounded)
 
-    def _here(self, trial: Trial, job: evaluate.Job) -> dict[str, Any]:
+    def _here(self, trial: Trial, job: evaluate.Job) -> Plain:
         """The outcome of a run in this process, which may be pruned on its way."""
         try:
             if self.study.sampler == GAUSS_NEWTON:
@@ -359,9 +355,9 @@ class _Seeking:
         except _Hopeless:
             return {"pruned": True}
         except MagmpmError as error:
-            return {WHY: evaluate.reason(error)}
+            return {WHY: in_one_line(error)}
 
-    def _pruner(self, trial: Trial, job: evaluate.Job) -> Callable[[int, float], None]:
+    def _pruner(self, trial: Trial, job: evaluate.Job) -> evaluate.Progress:
         """Return what a motion calls as it goes on: it raises _Hopeless where the goal so far is worse than that of half the trials."""
         parts_of_motion = 10  # of a motion's time, after each of which a trial may be pruned
         seen = 0
@@ -388,7 +384,7 @@ class _Seeking:
 
         return look
 
-    def _tell(self, trial: Trial, job: evaluate.Job, outcome: dict[str, Any]) -> None:
+    def _tell(self, trial: Trial, job: evaluate.Job, outcome: Plain) -> None:
         """Store a trial's outcome, and keep its run if it is the best."""
         if "values" in outcome:
             values, beyond = self.study.values(outcome["values"])
@@ -422,7 +418,7 @@ class _Seeking:
         """Values of a complete trial in SI."""
         return self.study.values(trial.user_attrs["measures"])[0]
 
-    def _ended_early(self, trial: Trial, outcome: dict[str, Any]) -> None:
+    def _ended_early(self, trial: Trial, outcome: Plain) -> None:
         """Store that a trial failed, and why, or was pruned."""
         numbers = outcome.get("beyond", {}).items()
         beyond = [evaluate.beyond(value, self.study.bounded[name]) for name, value in numbers]
@@ -438,7 +434,7 @@ class _Seeking:
         if self.on_trial is not None:
             self.on_trial(text)
 
-    def _line(self, number: int, outcome: dict[str, Any]) -> str:
+    def _line(self, number: int, outcome: Plain) -> str:
         head = f"trial {number}, {self._finished()} of {self.wanted}: "
         if "values" not in outcome:
             return head + (
@@ -478,7 +474,7 @@ class _Seeking:
 
         return min(self._complete(), key=rank, default=None)
 
-    def _shown(self, trial: FrozenTrial) -> dict[str, Any]:
+    def _shown(self, trial: FrozenTrial) -> Plain:
         return {
             "number": trial.number,
             "values": self._values(trial),
@@ -536,36 +532,37 @@ class _Seeking:
             out=self.out,
         )
 
-    def _finer(self, best: dict[str, Any]) -> dict[str, Any] | None:
-        """The best design's measures on one more cell across, once for each best; None where the scene can't have it."""
-        stored = self.known.user_attrs.get("finer")
-        if stored is not None and stored["number"] == best["number"]:
-            return dict(stored)
+    def _known_of(self, key: str, best: Plain) -> Plain | None:
+        """What is stored of the best trial under a key; None where it is of another one."""
+        stored: Plain = self.known.user_attrs.get(key, {})
+        return stored if stored.get("number") == best["number"] else None
+
+    def _finer(self, best: Plain) -> Plain:
+        """The best design's measures on one more cell across, once for each best."""
+        stored = self._known_of("finer", best)
+        if stored is not None:
+            return stored
         scene = Scene.from_si(Result.load(self.out / "best").scene)
         cells = round(scene.thickness / scene.cell) + 1
-        job = evaluate.Job(
-            scene.with_cells(cells),
-            self.out / "finer",
-            self.study.measures,
-            self.study.path.parent,
-        )
+        found: Plain = {"number": best["number"], "cells_across": cells}
         try:
             self._note(f"the best on {cells} cells across")
-            found: dict[str, Any] = {"number": best["number"], "cells_across": cells}
-            found["measures"] = evaluate.numbers(job)
+            found["measures"] = evaluate.numbers(
+                self._job(scene.with_cells(cells), self.out / "finer")
+            )
             found["values"] = self.study.values(found["measures"])[0]
         except MagmpmError as error:
-            found[WHY] = evaluate.reason(error)
+            found[WHY] = in_one_line(error)
         self.known.set_user_attr("finer", found)
         return found
 
     def _scatter(
         self,
-        best: dict[str, Any],
+        best: Plain,
         pool: evaluate.Processes | None,
         runs: int = 4,
         nearness: float = 1e-4,
-    ) -> dict[str, Any] | None:
+    ) -> Plain | None:
         """Values of some designs so near to the best that they should be the same: what differs is noise; None where nothing touches.
 
         nearness: way of each number at random up or down, of its range.
@@ -573,33 +570,31 @@ class _Seeking:
         named = self.study.scene.effects.named()
         if self.study.scene.solver.dynamic is None or not {*CONTACTS} & {*named}:
             return None
-        stored = self.known.user_attrs.get("scatter")
-        if stored is not None and stored["number"] == best["number"]:
-            return dict(stored)
+        stored = self._known_of("scatter", best)
+        if stored is not None:
+            return stored
         self._note("designs near the best, for their noise")
         spaces = self.known.get_trials(deepcopy=False)[best["number"]].distributions
         random = np.random.default_rng(self.study.file.seed)
-        found: dict[str, Any] = {"number": best["number"], "nearness": nearness}
-        outcomes: list[Any] = []
+        jobs = []
         for k in range(runs):
             params = {
                 name: _moved(value, spaces[name], nearness * random.choice([-1.0, 1.0]))
                 for name, value in best["params"].items()
             }
             scene = made(self.study.scene, self.study.knobs, params)
-            near = self.out / f"near_{k}"
-            job = evaluate.Job(scene, near, self.study.measures, self.study.path.parent)
-            outcomes.append(
-                evaluate.tried(job) if pool is None else pool.submit(evaluate.tried, job).result
-            )
-        found["values"] = []
-        for one in outcomes:
-            of = one() if callable(one) else one
-            found["values"].append(self.study.values(of["values"])[0] if "values" in of else None)
-        for k in range(runs):
-            evaluate.forget(self.out / f"near_{k}")
+            jobs.append(self._job(scene, self.out / f"near_{k}"))
+        each = map(evaluate.tried, jobs) if pool is None else pool.map(evaluate.tried, jobs)
+        values = [self.study.values(of["values"])[0] if "values" in of else None for of in each]
+        found = {"number": best["number"], "nearness": nearness, "values": values}
+        for job in jobs:
+            evaluate.forget(job.folder)
         self.known.set_user_attr("scatter", found)
         return found
+
+    def _job(self, scene: Scene, folder: Path, **more: Any) -> evaluate.Job:
+        """The run of a scene in a folder, with the measures of the study."""
+        return evaluate.Job(scene, folder, self.study.measures, self.study.path.parent, **more)
 
 
 def _end(trial: FrozenTrial) -> str:

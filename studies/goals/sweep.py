@@ -15,28 +15,29 @@ from tempfile import mkdtemp
 from typing import Any
 
 from magmpm.compiled.process import Died
-from magmpm.errors import InputError, MagmpmError, require
+from magmpm.errors import InputError, MagmpmError, in_one_line, require
 from magmpm.inputs.settings import validate
 from magmpm.results.folder_lock import folder_lock
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import changed, places
-from magmpm.studies.goals import evaluate
+from magmpm.studies.goals import Plain, evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import KINDS, Measure
-from magmpm.studies.goals.own_function import function_of, source_of
+from magmpm.studies.goals.own_function import called, function_of, source_of
 
 ROWS = "rows.jsonl"
 TIP = "tip"
 
 
-_Outcome = tuple[dict[str, Any], Any]  # measures, and a Result or Motion
+Functions = dict[str, Callable[[Any], Any]]  # of users, by the names of their columns
+_Outcome = tuple[Plain, Any]  # measures, and a Result or Motion
 
 
 @dataclass(frozen=True)
 class SweepTable:
     """Rows of a sweep: what was set, then the measures in SI; `failed` holds the reason where a run failed, or there was none."""
 
-    rows: list[dict[str, Any]]
+    rows: list[Plain]
 
     def __repr__(self) -> str:
         columns = ", ".join(dict.fromkeys(key for row in self.rows for key in row))
@@ -62,7 +63,7 @@ def sweep(
     executor: Executor | None = None,
     workers: int | None = None,
     folder: Path | str | None = None,
-    on_row: Callable[[dict[str, Any]], None] | None = None,
+    on_row: Callable[[Plain], None] | None = None,
 ) -> SweepTable:
     """Run a scene for every combination of values of its numbers, and measure each answer.
 
@@ -114,7 +115,7 @@ def sweep(
     for name, of in measures.items():
         if of.get("python"):
             function_of(of["python"], beside, f"measure.{name}")
-    combined = _combined(whole, values)
+    combined = _combined(whole, values, measures)
     keep = None if folder is None else Path(folder)
     with ExitStack() as stack:
         if keep is not None:
@@ -123,12 +124,12 @@ def sweep(
         known = _known(keep)
         work = Path(mkdtemp(prefix="magmpm-sweep-"))
         stack.callback(evaluate.forget, work)
-        rows: dict[int, dict[str, Any]] = {}
+        rows: dict[int, Plain] = {}
         keys: dict[int, str] = {}
         jobs: dict[int, evaluate.Job] = {}
         for k, (said, made) in enumerate(combined):
             if isinstance(made, InputError):
-                rows[k] = {**said, "failed": evaluate.reason(made)}
+                rows[k] = {**said, "failed": in_one_line(made)}
                 continue
             keys[k] = _key(made, measures, functions, beside)
             if keys[k] in known:
@@ -170,38 +171,44 @@ def sweep(
 
 def _measures(
     given: Sequence[str | Mapping[str, Any] | Callable[[Any], Any]],
-) -> tuple[dict[str, dict[str, Any]], dict[str, Callable[[Any], Any]]]:
+) -> tuple[dict[str, Plain], Functions]:
     """Measures as plain data, and users' functions, each by the name of its column. Raises InputError."""
-    measures: dict[str, dict[str, Any]] = {}
-    functions: dict[str, Callable[[Any], Any]] = {}
+    measures: dict[str, Plain] = {}
+    functions: Functions = {}
     for one in [given] if isinstance(given, (str, Mapping)) or callable(given) else given:
-        if callable(one):
-            functions[getattr(one, "__name__", repr(one))] = one
-        elif one == TIP:
+        if one == TIP:
             for axis, along in zip("xyz", ([1, 0, 0], [0, 1, 0], [0, 0, 1]), strict=True):
                 measures[f"tip_{axis}_m"] = {"position": {"of": TIP, "along": along}}
-        elif isinstance(one, str):
-            if one not in KINDS:
-                raise InputError(
-                    "measure",
-                    received=repr(one),
-                    rule=f"must be tip, or one of {', '.join(KINDS)}",
-                    remedy="correct the name, or write its settings: {travel: {of: tip}}",
-                )
-            measures[one] = validate(Measure, {one: {}}).model_dump(by_alias=True)
+            continue
+        if isinstance(one, str) and one not in KINDS:
+            raise InputError(
+                "measure",
+                received=repr(one),
+                rule=f"must be tip, or one of {', '.join(KINDS)}",
+                remedy="correct the name, or write its settings: {travel: {of: tip}}",
+            )
+        if callable(one):
+            first = getattr(one, "__name__", type(one).__name__)
         else:
-            found = validate(Measure, one)
-            name, k = found.name, 2
-            while name in measures:
-                name, k = f"{found.name}_{k}", k + 1
+            found = validate(Measure, {one: {}} if isinstance(one, str) else one)
+            first = found.name
+        name = first
+        k = 2
+        while name in measures or name in functions:
+            name, k = f"{first}_{k}", k + 1
+        if callable(one):
+            functions[name] = one
+        else:
             measures[name] = found.model_dump(by_alias=True)
     return measures, functions
 
 
 def _combined(
-    scene: Scene, values: Mapping[str, Sequence[Any]]
-) -> list[tuple[dict[str, Any], Scene | InputError]]:
-    """Every combination: what is set, and the scene, or why there is none. Raises InputError where there is no scene at all."""
+    scene: Scene, values: Mapping[str, Any], measures: Mapping[str, Any]
+) -> list[tuple[Plain, Scene | InputError]]:
+    """Every combination: what is set, and the scene, or why there is none that can be measured. Raises InputError where there is none."""
+    values = {address: getattr(of, "tolist", lambda of=of: of)() for address, of in values.items()}
+    checks = {name: validate(Measure, data).check_moments for name, data in measures.items()}
     for address, of in values.items():
         if isinstance(of, (str, bytes)) or not isinstance(of, Sequence) or not len(of):
             raise InputError(
@@ -211,38 +218,47 @@ def _combined(
                 remedy='write, say, ["2 mT", "4 mT"]',
             )
     at = {address: places(scene, address) for address in values}
-    found: list[tuple[dict[str, Any], Scene | InputError]] = []
+    found: list[tuple[Plain, Scene | InputError]] = []
     for chosen in product(*values.values()):
         said = dict(zip(values, chosen, strict=True))
         settings = {place: value for address, value in said.items() for place in at[address]}
         try:
-            found.append((said, changed(scene, settings)))
+            made = changed(scene, settings)
+            for name, check in checks.items():
+                check(made, name)
+            found.append((said, made))
         except InputError as error:
             found.append((said, error))
     said, first = found[0]
     if isinstance(first, InputError) and all(isinstance(of, InputError) for _, of in found):
         words = ", ".join(f"{address} = {value}" for address, value in said.items())
-        raise InputError(f"{words}: {first}") from None
+        raise InputError(f"{words}: {str(first).removeprefix('input: ')}") from None
     return found
 
 
 def _key(
     scene: Scene,
     measures: Mapping[str, Any],
-    functions: Mapping[str, Callable[[Any], Any]],
+    functions: Functions,
     beside: Path,
 ) -> str:
-    """Hash of all that decides a row, by which it is found again: of functions their code, of those in files the file."""
-    codes = {
-        name: marshal.dumps(of.__code__).hex() if hasattr(of, "__code__") else repr(of)
-        for name, of in functions.items()
-    }
+    """Hash of all that decides a row, by which it is found again: of functions `_code`, of those in files the file."""
+    codes = {name: _code(of) for name, of in functions.items()}
     files = [source_of(of["python"], beside) for of in measures.values() if of.get("python")]
     about = [scene.hash(), measures, codes, files]
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
 
 
-def _known(folder: Path | None) -> dict[str, dict[str, Any]]:
+def _code(of: Callable[[Any], Any]) -> str:
+    """Text that differs between functions that may measure differently: by their code, or by what it was made with."""
+    if not hasattr(of, "__code__"):
+        return repr(of)
+    made_with = [cell.cell_contents for cell in of.__closure__ or ()]  # type: ignore[attr-defined]
+    made_with += [of.__defaults__, of.__kwdefaults__]  # type: ignore[attr-defined]
+    return marshal.dumps(of.__code__).hex() + repr(made_with)
+
+
+def _known(folder: Path | None) -> dict[str, Plain]:
     """Rows that a folder has, by their keys; a last line that was cut off is none."""
     if folder is None or not (folder / ROWS).exists():
         return {}
@@ -276,17 +292,16 @@ def _measured(job: evaluate.Job, with_answer: bool) -> _Outcome:
             for name, data in job.measures.items()
         }
     except MagmpmError as error:
-        return {"failed": evaluate.reason(error)}, None
-    asked = answer.result if answer.motion is None else answer.motion
-    return found, asked if with_answer else None
+        return {"failed": in_one_line(error)}, None
+    return found, answer.given if with_answer else None
 
 
-def _by_functions(functions: Mapping[str, Callable[[Any], Any]], answer: Any) -> dict[str, Any]:
-    """The columns of users' functions, of a Result or a Motion; `failed` where one raises."""
-    found = {}
+def _by_functions(functions: Functions, given: Any) -> Plain:
+    """The columns of users' functions, of a Result or a Motion; `failed` where one raises or gives no number."""
+    found: Plain = {}
     for name, function in functions.items():
         try:
-            found[name] = function(answer)
-        except Exception as error:
-            found["failed"] = f"{name} raised {type(error).__name__}: {error}"
+            found[name] = called(function, given, name)
+        except MagmpmError as error:
+            found["failed"] = in_one_line(error)
     return found

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.errors import InputError
+from magmpm.errors import InputError, in_one_line
 from magmpm.inputs.quantities import divided
 from magmpm.inputs.vectors import Vector, angles_of, from_angles
 from magmpm.scene import Scene
@@ -496,8 +496,15 @@ def _range(
         for key, end in (("min", low), ("max", high))
     ]
     most = max((abs(low), 0), (abs(high), 1))  # the larger end tells the unit best
-    si = abs(float(value_at(accepted[most[1]], group[0])))
-    scale = si / most[0]
+    largest = value_at(accepted[most[1]], group[0])
+    if not isinstance(largest, (int, float)):
+        raise InputError(
+            f"{at}.of",
+            received=name,
+            rule="must be an address of a number",
+            remedy="give `choices`",
+        )
+    scale = abs(float(largest)) / most[0]
     label = f"{name} ({unit})" if unit else name
     return Bounded(label, group, low, high, unit, scale, number.log, whole)
 
@@ -510,7 +517,7 @@ def _accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) ->
         raise InputError(
             at,
             received=repr(given),
-            rule=f"the scene refuses it: {str(error).splitlines()[0]}",
+            rule=f"the scene refuses it: {in_one_line(error)}",
             remedy="choose values that the scene allows",
         ) from None
 

@@ -116,7 +116,7 @@ def test_measures_of_a_motion(fallen: Answer) -> None:
 @pytest.mark.parametrize(
     ("measure", "told"),
     [
-        ({"position": {"of": "nose"}}, "must be tip, body, or one of"),
+        ({"position": {"of": "nose"}}, "must be one of body, segment 1, segment 2"),
         ({"turn": {"along": [0, 1, 0]}}, r"write `about: \[0, 1, 0\]`"),
         ({"contact_force": {"with": "walls"}}, "name ground, walls or self_contact in the scene"),
         ({}, "`python`, one of them"),
@@ -405,8 +405,8 @@ def test_several_goals_and_a_users_function(tmp_path: Path) -> None:
     ("body", "told"),
     [
         ("raise ValueError('no stride')", "it raised ValueError: no stride"),
-        ("return float('nan')", "no finite number"),
-        ("return 'far'", "must return a number"),
+        ("return float('nan')", "returned nan, and must return a finite number"),
+        ("return 'far'", "returned str, and must return a finite number"),
     ],
 )
 def test_a_function_that_fails_is_a_failed_trial(tmp_path: Path, body: str, told: str) -> None:
@@ -690,6 +690,13 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
         ("field.uniform[2]", "field.unifrom[2]", "did you mean field.uniform[2]"),
         ("min: 1 mT", "min: 1 mm", "must have the unit of min"),
         ("min: 1 mT, max: 8 mT", "min: 1 mT, max: 90000 mT", "the scene refuses it"),
+        (
+            '"field.uniform[2]", min: 1 mT, max: 8 mT',
+            "materials.m.shear_modulus, min: -5 kPa, max: 10 kPa",
+            'materials.m.shear_modulus: received "-5.0 kPa"; must be greater than 0 kPa',
+        ),
+        ('"field.uniform[2]", min', "name, min", "must be an address of a number"),
+        ("of: tip", "of: nose", "must be one of body, tip, segment 1, segment 2"),
         ("min: 1 mT, max: 8 mT", "min: 8 mT, max: 1 mT", "min must be less than max"),
         ("min: 1 mT, max: 8 mT", "min: 1 mT", "must have min and max"),
         ("min: 1 mT, max: 8 mT", "direction: {}", "an address of three numbers"),

@@ -3,10 +3,12 @@
 import os
 import py_compile
 import signal
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from goal_study import SCENE, STUDY, plain, searched
 
@@ -143,6 +145,67 @@ def test_stability_is_found_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatc
             asked.pop()
 
 
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [
+        (np.int64(3), 3.0),
+        (np.float32(0.5), 0.5),
+        (float("nan"), "reach: it returned nan, and must return a finite number"),
+        (np.ones(3), "reach: it returned ndarray, and must return a finite number"),
+        (None, "reach: it returned NoneType, and must return a finite number"),
+    ],
+    ids=str,
+)
+def test_functions_give_numbers_or_the_row_says_so(
+    given: Any, found: float | str, tmp_path: Path
+) -> None:
+    """Whatever they give, the row is kept, and found again as it was."""
+
+    def reach(result: Any) -> Any:
+        return given
+
+    scene = Scene.from_si(plain(SCENE))
+    values = {"field.uniform[2]": np.array([2e-3])}
+    for _ in range(2):
+        (row,) = magmpm.sweep(scene, values, measure=[reach], workers=1, folder=tmp_path).rows
+        assert row == {
+            "field.uniform[2]": 2e-3,
+            "failed" if isinstance(found, str) else "reach": found,
+        }
+
+
+def test_each_function_has_a_column_and_rows_of_its_own(tmp_path: Path) -> None:
+    """Two without a name; and of one text that differ by what they were made with."""
+    scene = Scene.from_si(plain(SCENE))
+    values = {"field.uniform[2]": ["2 mT"]}
+    tip = run(scene.with_field([0, 0, 2e-3])).tip
+    assert tip is not None
+    unnamed = [lambda result: result.tip[0], lambda result: result.tip[2]]
+    (row,) = magmpm.sweep(scene, values, measure=unnamed, workers=1).rows
+    assert [row["<lambda>"], row["<lambda>_2"]] == [tip[0], tip[2]]
+
+    def along(axis: int) -> Callable[[Any], float]:
+        def place(result: Any) -> float:
+            return float(result.tip[axis])
+
+        return place
+
+    for axis in (0, 2):
+        (row,) = magmpm.sweep(scene, values, measure=[along(axis)], workers=1, folder=tmp_path).rows
+        assert row["place"] == tip[axis]
+
+
+def test_a_measure_may_need_what_only_some_rows_have() -> None:
+    """Those without it say so and are not run."""
+    scene = Scene.from_si(plain(SCENE))
+    ground = {"point": ["0 mm", "0 mm", "-3 mm"], "normal": [0, 0, 1]}
+    push = {"contact_force": {"with": "ground"}}
+    table = magmpm.sweep(scene, {"effects.ground": [None, ground]}, measure=[push], workers=1)
+    assert "name ground, walls or self_contact" not in table.rows[0]["failed"]
+    assert "must be a name that may touch body" in table.rows[0]["failed"]
+    assert table.rows[1]["contact_force"] == 0.0
+
+
 def tip_height(result: Any) -> float:
     return float(result.tip[2])
 
@@ -199,9 +262,11 @@ def test_a_sweep_keeps_what_failed() -> None:
         ({"field.uniform[2]": []}, "tip", "must be a list of values"),
         ({"field.uniform[2]": ["1 mm"]}, "tip", "field.uniform[2] = 1 mm"),
         ({"field.uniform[2]": ["1 mT"]}, "height", "must be tip, or one of"),
+        ({"field.uniform[2]": ["1 mT"]}, {"position": {"of": "nose"}}, "must be one of body, tip"),
+        ({"body.catheter.segments[5].magnetization": [[1, 0, 0]]}, "tip", "segments[*].magnet"),
     ],
 )
-def test_wrong_sweeps_are_refused(values: Any, measure: str, told: str) -> None:
+def test_wrong_sweeps_are_refused(values: Any, measure: Any, told: str) -> None:
     with pytest.raises(InputError) as error:
         magmpm.sweep(Scene.from_si(plain(SCENE)), values, measure=[measure])
     assert told in str(error.value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from magmpm.errors import length, significant
@@ -28,6 +28,12 @@ def heading(facts: Mapping[str, Any]) -> Markup:
     return tag("h1", facts["name"]) + tag(
         "p", f"A design study by magmpm: {sought}{robust}{two}{ran}", class_="lead"
     )
+
+
+def large(boxes: Iterable[tuple[str, str]]) -> Markup:
+    """Figures that count, large, each with its words."""
+    shown = (tag("div", tag("b", value), tag("span", words)) for value, words in boxes)
+    return tag("div", *shown, class_="answer")
 
 
 def answer(facts: Mapping[str, Any]) -> Markup:
@@ -59,11 +65,7 @@ def answer(facts: Mapping[str, Any]) -> Markup:
     )
     if facts.get("seconds_per_trial") is not None:
         boxes.append((f"{significant(facts['seconds_per_trial'], 2)} s", "a trial (median)"))
-    return tag(
-        "div",
-        *(tag("div", tag("b", value), tag("span", words)) for value, words in boxes),
-        class_="answer",
-    )
+    return large(boxes)
 
 
 def alarms(facts: Mapping[str, Any]) -> Markup:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.errors import in_words, significant
-from magmpm.viz.sheet.found import cite
+from magmpm.viz.sheet.found import cite, large
 from magmpm.viz.sheet.markup import NOTHING, Markup, figure, joined, movie, pairs, table, tag
 from magmpm.viz.sheet.whole import document, section
 
@@ -63,12 +63,8 @@ def _answer(report: Mapping[str, Any]) -> Markup:
         ]
         boxes.append((str(best["number"]), "its trial"))
     boxes.append((str(report["trials"]), f"trials by {report['sampler']}"))
-    boxes.append((f"{significant(report['seconds_per_trial'], 2)} s", "a trial (mean)"))
-    return tag(
-        "div",
-        *(tag("div", tag("b", value), tag("span", words)) for value, words in boxes),
-        class_="answer",
-    )
+    boxes.append((f"{significant(report['seconds_per_trial'], 2)} s", "a trial (median)"))
+    return large(boxes)
 
 
 def _alarms(report: Mapping[str, Any]) -> Markup:

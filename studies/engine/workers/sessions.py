@@ -230,10 +230,7 @@ class Session:
         mine : set[int]
             Numbers of the trials that are being solved here.
         """
-        records = self.store(lambda: self.kept.user_attrs)
-        running = self.store(
-            lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
-        )
+        records, running = self._now()
         self._listen(running, records)
         for trial in running:
             if trial.number in mine:
@@ -243,16 +240,19 @@ class Session:
             elif self._is_dead(trial, records):
                 self._take_up(trial)
 
+    def _now(self) -> tuple[Mapping[str, Any], list[FrozenTrial]]:
+        """Records of the sessions, and the trials that run."""
+        records = self.store(lambda: self.kept.user_attrs)
+        running = (TrialState.RUNNING,)
+        return records, self.store(lambda: self.kept.get_trials(deepcopy=False, states=running))
+
     def tell_wait(self) -> None:
         """Say what this session waits for, if it has nothing else to do: after SECONDS_TO_LEAVE seconds, and again after each LEASE."""
         now = time.monotonic()
         if now - self._said < SECONDS_TO_LEAVE:
             return
         self._said = now + LEASE - SECONDS_TO_LEAVE
-        records = self.store(lambda: self.kept.user_attrs)
-        running = self.store(
-            lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
-        )
+        records, running = self._now()
         if running:
             what = "; ".join(self._described(trial, records) for trial in running)
             self.store.tell(
