@@ -615,7 +615,12 @@ class Measure(Settings):
                 place,
                 received=received,
                 rule=f"the scene has no answer then; the nearest is at {nearest}",
-                remedy="choose that, or add the time to `solver.quasi_static.at`",
+                remedy="choose that, or "
+                + (
+                    "add the time to `solver.quasi_static.at`"
+                    if along
+                    else "give `solver.dynamic` a longer `duration`"
+                ),
             )
 
     def smooth(self, scene: Scene) -> bool:
