@@ -53,7 +53,8 @@ def _known(name: str, more: list[str], scene: Scene, at: str) -> None:
             f"{at}.of",
             received=repr(name),
             rule=f"must be one of {', '.join(names)}",
-            remedy="correct the name; parts have a tip where `body.parts.tip` says so, and it has a place alone",
+            remedy="correct the name; parts have a tip where `body.parts.tip` says so, which"
+            " has a place alone",
         )
 
 

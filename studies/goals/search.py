@@ -48,7 +48,8 @@ WHY = "failed"
 CONSTRAINTS = "constraints"  # at most 0 each where they hold
 INTERRUPTED = "interrupted"
 CONVERGED = "converged"
-SLOPES = "slopes"  # of a trial along derivatives: goal and what is left to each bound, and their derivatives
+# of a trial along derivatives: the goal and what is left to each bound, and their derivatives
+SLOPES = "slopes"
 SKIPPED = "skipped"  # whether a pruned trial was not run, as it breaks a bound anyway
 CONTACTS = ("ground", "walls", "self_contact")  # effects in which things touch
 
