@@ -6,6 +6,7 @@ import difflib
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -102,7 +103,11 @@ class MeshPart(Settings):
     'gripper_hub'
     """
 
-    mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
+    mesh: Annotated[
+        str,
+        BeforeValidator(partial(read_mesh, key="body.parts.meshes")),
+        WithJsonSchema({"type": "string"}),
+    ] = Field(
         description="Path, relative to this file, of an STL file: a closed surface.",
         examples=["meshes/base.stl"],
     )

@@ -33,6 +33,7 @@ from magmpm.bodies.shells import (
     solids_of,
 )
 from magmpm.compiled.arrays import Array, Index
+from magmpm.errors import require
 from magmpm.inputs.settings import fault, from_file, named_file
 from magmpm.inputs.user_files import UnfitFile, read_regular
 
@@ -300,8 +301,13 @@ def unpack_mesh(text: str) -> Mesh:
     return Mesh(vertices, faces.astype(np.int64))
 
 
-def read_mesh(value: Any, info: ValidationInfo) -> Any:
-    """Validator of a key that names a mesh: the file's mesh as the text a scene keeps; such a text is taken as it is."""
+def read_mesh(value: Any, info: ValidationInfo, key: str) -> Any:
+    """Validator of a key that names a mesh: the file's mesh as the text a scene keeps; such a text is taken as it is.
+
+    Raises MissingPackage, about `key`, for a file's mesh without the package that meshes need.
+    """
+    if from_file(info):
+        require("manifold3d", "parts", key=key, use="closed meshes")
     if not isinstance(value, (str, Path)):
         raise fault("must be the path of an STL file", "write, say, `mesh: meshes/base.stl`")
     try:

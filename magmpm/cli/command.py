@@ -54,6 +54,7 @@ def _require_packages(options: argparse.Namespace, name: str) -> None:
     needed = {
         "design.command": ("optuna", "design", "studies"),
         "report.command": ("optuna", "design", "studies"),
+        "first_steps.import_robot": ("manifold3d", "parts", "closed meshes"),
         "fit.command": drawing,
         "render.command": drawing,
         "tables.accuracy": drawing,

@@ -6,7 +6,7 @@ friction and stiffness see effects.contact_law. Outside of the table, as beyond 
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -97,7 +97,11 @@ class TubularLumen(Settings):
 class Surface(Settings):
     """The inside of a closed surface."""
 
-    mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
+    mesh: Annotated[
+        str,
+        BeforeValidator(partial(read_mesh, key="effects.walls.surface.mesh")),
+        WithJsonSchema({"type": "string"}),
+    ] = Field(
         description=(
             "Path, relative to this file, of an STL file: a closed surface around the lumen."
         ),

@@ -24,7 +24,7 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from magmpm.errors import InputError, show
+from magmpm.errors import InputError, SceneError, show
 from magmpm.inputs.messages import (
     NOTHING,
     Instead,
@@ -36,7 +36,7 @@ from magmpm.inputs.messages import (
 )
 from magmpm.inputs.quantities import KINDS, BadQuantity, a, as_text, format_si, parse_quantity
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
-from magmpm.inputs.yaml_document import Document, Key
+from magmpm.inputs.yaml_document import Document, Key, placed
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -225,6 +225,8 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
     except ValidationError as error:
         found, left = _problems(model, data, error)
         problems += [problem for problem in found if problem.at not in empty]
+    except SceneError as error:  # of a value that needs a package
+        raise error if file is None else placed(error, file) from None
     raise _told(problems, left, file, data.lines if isinstance(data, Document) else {})
 
 

@@ -83,7 +83,7 @@ class StudyReport:
         Number (from 0, as the dashboard counts) of the first trial that reached `stop`; None
         without one.
     seconds_per_trial : float, s, or None
-        Median of solve, picture and storage.
+        Median of whole trials, from the request for one until its value was stored.
     ended : Ended
         Why the study is not running any more.
     rms_m : list of float, m

@@ -129,6 +129,8 @@ def test_design_says_the_field_it_found_and_its_best_scene_runs(folder: Path, to
     found = json.loads(told("design", "study.yaml", "--json", "--trials", "2", "--no-pictures").out)
     assert found["trials"] == 2, "asked for, and so done past `stop`"
     text = told("design", "study.yaml", "--no-pictures").out
+    assert "seconds per trial" in text
+    assert "picture" not in text
     field = 1e3 * np.array(found["best"]["field_T"])
     assert (
         f"field          [{', '.join(f'{x:+.4f}' for x in field)}] mT, {np.linalg.norm(field):.4g}"

@@ -134,6 +134,25 @@ def test_a_command_names_the_extra_that_it_lacks(
     assert files_in(tmp_path) == before
 
 
+def test_what_has_meshes_is_named_where_their_package_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told
+) -> None:
+    """Once for all meshes of a body; with file, line, key and value, as every error of a scene."""
+    monkeypatch.setitem(sys.modules, "manifold3d", None)  # type: ignore[arg-type]
+    vessel = tmp_path / "vessel.yaml"
+    walls = "walls: {surface: {mesh: vessel.stl, unit: mm}}"
+    vessel.write_text(SCENE.replace("magnetic_torque: {}", f"magnetic_torque: {{}}, {walls}"))
+    for scene, key, value in (
+        (GRIPPER, "body.parts.meshes", '[{"mesh": "meshes/gripper_hub.stl"'),
+        (vessel, "effects.walls.surface.mesh", '"vessel.stl"'),
+    ):
+        lines = scene.read_text().splitlines()
+        line = next(n for n, text in enumerate(lines, 1) if re.search("meshes:|vessel.stl", text))
+        said = told("run", str(scene), status=2).err
+        assert said.startswith(f"magmpm: {scene}:{line}: {key}: received {value}")
+        assert said.count("the package manifold3d, which is not installed\n") == 1
+
+
 def test_in_python_the_error_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "optuna", None)  # type: ignore[arg-type]
     with pytest.raises(MissingPackage, match=r"magmpm\.design: studies need the package optuna"):
