@@ -308,11 +308,13 @@ COMMANDS = {
                 "standard deviation of a measured coordinate; or one for each table, "
                 '"0.2 mm, 0.5 mm" [estimated from the residuals]',
             ),
-            _value("--angle-noise", "ANGLE", "standard deviation of a measured angle, 1deg"),
+            _value(
+                "--angle-noise", "ANGLE", "standard deviation of a measured angle, such as 1deg"
+            ),
             _value(
                 "--known",
                 "NAME=SHARE,...",
-                "constants known beforehand, with their standard deviations, remanence=2%%",
+                "constants known beforehand, with their standard deviations, such as remanence=2%%",
             ),
             _value("--level", "PERCENT", "level of the intervals [95]", type=float, default=95.0),
             _value(
@@ -365,8 +367,6 @@ COMMANDS = {
         (
             _value("--case", "NAME", "only cases whose names contain NAME"),
             _flag("--quick", "omit the cases that take long"),
-            _value("--random", "N", argparse.SUPPRESS, type=int),  # moved: the message says where
-            _value("--seed", "S", argparse.SUPPRESS, type=int),
             _JSON,
         ),
         "magmpm stability --quick\nmagmpm stability --case snap",
@@ -444,7 +444,7 @@ def parser() -> argparse.ArgumentParser:
         prog="magmpm", description=HELP, epilog=AFTER, formatter_class=raw
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
-    commands = whole.add_subparsers(title="commands", metavar="COMMAND [OPTION]", required=True)
+    commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, command in COMMANDS.items():
         made = commands.add_parser(
             name,

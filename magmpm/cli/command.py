@@ -8,11 +8,12 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
 from importlib import import_module
 
-from magmpm.cli.arguments import parser
+from magmpm.cli.arguments import COMMANDS, parser
 from magmpm.compiled.environment import refuse_unusable
-from magmpm.errors import MagmpmError, SolveError, require
+from magmpm.errors import InputError, MagmpmError, SolveError, require
 from magmpm.inputs.user_files import VARIABLE
 from magmpm.results.whole_file import REFUSED, explained
 
@@ -21,6 +22,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command. Returns the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        if given and not given[0].startswith("-") and given[0] not in COMMANDS:
+            near = get_close_matches(given[0], COMMANDS, n=1) or ["--help"]
+            raise InputError(
+                f"{given[0]}: unknown command",
+                rule=f"the commands are {', '.join(COMMANDS)}",
+                remedy=f"try: magmpm {near[0]}",
+            )
         whole = parser()
         if "_ARGCOMPLETE" in os.environ:  # set by the shell's completion alone
             import_module("argcomplete").autocomplete(whole)

@@ -239,7 +239,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     lines += [f"  held back        {one['says']}" for one in report.limits]
     if report.seconds_per_trial is not None:
         lines.append(
-            f"  seconds per trial  {report.seconds_per_trial:.2f} (median, from its start to its end)"
+            f"  seconds per trial  {report.seconds_per_trial:.2f} (median, from start to end)"
         )
     lines.append(
         f"  trials in        {report.storage}; browse them with: magmpm dashboard"

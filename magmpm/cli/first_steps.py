@@ -69,13 +69,9 @@ def examples_folder() -> Path:
     except PackageNotFoundError:
         known = []
     for name in known:
-        before, found, _ = str(name).replace("\\", "/").partition(INSTALLED)
-        if found:
-            return (
-                Path(str(name.locate()))
-                .resolve()
-                .parents[str(name).replace("\\", "/").removeprefix(before + INSTALLED).count("/")]
-            )
+        if INSTALLED in name.as_posix():
+            place = Path(str(name.locate())).resolve()
+            return next(folder for folder in place.parents if folder.name == "data")
     raise MagmpmError(
         "the examples are not installed; reinstall magmpm: pip install --force-reinstall "
         "magmpm-*.whl"

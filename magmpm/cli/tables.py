@@ -132,14 +132,6 @@ def stability(options: argparse.Namespace) -> int:
     """Run the chosen hard cases, and print their table. Returns the exit status: 3 if one fails."""
     from magmpm.studies.hard_cases import CASES, run_cases, table
 
-    moved = [name for name in ("random", "seed") if getattr(options, name) is not None]
-    if moved:
-        raise InputError(
-            f"--{moved[0]}",
-            received=str(getattr(options, moved[0])),
-            rule="scenes drawn at random are part of the project's tests",
-            remedy="in a clone of the project: make stability RANDOM=300 SEED=1",
-        )
     named = [
         case for case in CASES if options.case is None or options.case.lower() in case.name.lower()
     ]

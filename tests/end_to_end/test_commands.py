@@ -62,6 +62,13 @@ def test_run_prints_one_json_object_as_the_contract_says(folder: Path, told) -> 
     assert Result.load("runs/small").tip.tolist() == out["tip"]
 
 
+def test_an_unknown_command_is_told_with_the_nearest(told) -> None:
+    said = told("rnu", "scene.yaml", status=2).err
+    assert said.startswith("magmpm: rnu: unknown command\n  rule: the commands are run, sweep, ")
+    assert said.endswith("\n  remedy: try: magmpm run\n")
+    assert told("xyz", status=2).err.endswith("\n  remedy: try: magmpm --help\n")
+
+
 def test_a_storage_is_looked_at_before_kernels_are_compiled(folder: Path) -> None:
     env = {
         **os.environ,

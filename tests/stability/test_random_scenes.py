@@ -15,7 +15,6 @@ from random_scenes.suite import BROKEN, remedied, solved
 from random_scenes.twins import MIRROR, twin
 from reference.scenes import rod_scene
 
-from magmpm.cli import main
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.remedies import Remedy
 from magmpm.scene.time_limit import limited
@@ -75,11 +74,6 @@ def test_three_hundred_random_scenes(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_orders_that_make_no_sense_are_refused(given: list[str]) -> None:
     with pytest.raises(SystemExit):
         random_scenes(given)
-
-
-def test_the_command_says_where_random_scenes_went(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["stability", "--random", "300", "--seed", "1"]) == 2
-    assert "make stability RANDOM=300" in capsys.readouterr().err
 
 
 def test_twins_are_told_apart(tmp_path: Path) -> None:
