@@ -225,7 +225,7 @@ optunahub: $(VENV)/.ready-test
 release: docs optunahub
 	@rm -rf runs/release && mkdir -p runs/release
 	$(BIN)/python -m pip install -q -c constraints.txt build
-	$(BIN)/python -m build --outdir runs/release .
+	$(BIN)/python docs/site/release.py runs/release
 	@cp -r runs/site runs/optunahub runs/release/
 	WHEEL=$$(ls $(CURDIR)/runs/release/*.whl) $(BIN)/python -m pytest tests/end_to_end/test_wheel.py -rs
 	@ls -d runs/release/*

@@ -5,6 +5,8 @@
 
 import json
 import os
+import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -19,6 +21,7 @@ from magmpm.cli.first_steps import examples_folder
 from magmpm.results.result import CITATION
 
 ROOT = Path(__file__).resolve().parents[2]
+RELATIVE = re.compile(r"\]\((?!https://|#)[^()\s]*\)")
 
 
 def test_examples_are_copied_once_and_changes_are_kept(
@@ -50,10 +53,29 @@ def test_how_to_cite_is_said_in_one_way() -> None:
     assert f"version = {cited['version']}\n" in (ROOT / "setup.cfg").read_text(encoding="utf-8")
 
 
+def test_the_page_for_pypi_has_no_dead_link() -> None:
+    """Links and pictures lead to the tag in the repository; without an address on the web there are none, and all words stay."""
+    made = runpy.run_path(str(ROOT / "docs/site/release.py"))
+    address = made["address"]
+    assert address("git@example.org:lab/magmpm.git") == "https://example.org/lab/magmpm"
+    assert address("https://example.org/lab/magmpm/") == "https://example.org/lab/magmpm"
+    assert address("/srv/git/magmpm") is None
+    assert address("") is None
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert readme.count("](docs/") > 10
+    linked = made["page"](readme, "https://example.org/lab/magmpm", "v1")
+    assert RELATIVE.findall(linked) == []
+    assert "](https://example.org/lab/magmpm/raw/v1/docs/images/tentacle_hook.gif)" in linked
+    assert "[Accuracy](https://example.org/lab/magmpm/blob/v1/docs/accuracy.md)" in linked
+    bare = made["page"](readme, None, "v1")
+    assert RELATIVE.findall(bare) == []
+    assert "![" not in bare
+    assert "Accuracy has the other" in bare
+    assert re.findall(r"```.*?```", bare, re.DOTALL) == re.findall(r"```.*?```", readme, re.DOTALL)
+
+
 def test_the_paper_is_as_long_as_its_journal_wants() -> None:
     """JOSS: 250 to 1000 words, with its sections, and every reference in paper.bib."""
-    import re
-
     _, head, text = (ROOT / "paper.md").read_text(encoding="utf-8").split("---\n", 2)
     assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= set(
         yaml.safe_load(head)
@@ -109,6 +131,11 @@ def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
             "magmpm/scene.schema.json",
             "magmpm/studies/study.schema.json",
         } <= set(content.namelist())
+        (told,) = (name for name in content.namelist() if name.endswith(".dist-info/METADATA"))
+        description = content.read(told).decode()
+        assert "## Fifteen lines of Python" in description
+        if given is not None:
+            assert RELATIVE.findall(description) == []
     assert {name for name in known if name.startswith("data/")} <= held
     run(sys.executable, "-m", "venv", tmp_path / "empty", cwd=home)
     bin_folder = tmp_path / "empty/bin"
