@@ -55,6 +55,8 @@ if __name__ == "__main__":
     axes.plot(motion.times, 1e3 * way, label="field turns at 25 Hz")
     axes.plot(motion.times, 1e3 * back, label="field turns the other way")
     axes.axhline(0, color="gray", lw=0.8)
-    axes.set(xlabel="time (s)", ylabel="way of the center (mm)", xlim=(0, motion.times[-1]))
+    axes.set(
+        xlabel="time (s)", ylabel="displacement of the center (mm)", xlim=(0, motion.times[-1])
+    )
     axes.legend(frameon=False)
     figure.savefig("swimmer.png", dpi=200)

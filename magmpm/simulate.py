@@ -341,7 +341,7 @@ def sensitivities_along(
         raise InputError(
             "resolution",
             received="an error, seconds, or `effects: auto`",
-            rule="derivatives along a path are those of cells and effects that are given",
+            rule="derivatives along a path need given cells and effects",
             remedy="write `resolution: {cells_across: 3}`, and name the effects",
         )
     wanted = variables(scene, of)

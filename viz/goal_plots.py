@@ -83,7 +83,7 @@ def _panel(
                 s=18,
                 color=color,
                 linewidths=1.0,
-                label={"not run": "not run: beyond a bound anyway"}.get(end, end),
+                label={"not run": "not run: violates a bound anyway"}.get(end, end),
             )
 
 

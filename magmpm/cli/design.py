@@ -221,7 +221,9 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         if FIELD[0] in report.best["params"]:
             field = 1e3 * np.array(report.best["field_T"])
             found = ", ".join(f"{x:+.4f}" for x in field)
-            lines.append(f"    field          [{found}] mT, {np.linalg.norm(field):.4g} mT in all")
+            lines.append(
+                f"    field          [{found}] mT, magnitude {np.linalg.norm(field):.4g} mT"
+            )
     if report.front is not None:
         found = report.front["pareto"]
         lines.append(

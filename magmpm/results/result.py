@@ -140,9 +140,7 @@ def _unreadable(folder: Path, error: Exception) -> str:
     return report(
         f"{folder / damaged}: the saved result can't be read ({what})",
         rule="must be whole, as `magmpm run` or `magmpm design` wrote it",
-        remedy=(
-            "run the scene again, or for a design of a study `magmpm design`, which makes it anew"
-        ),
+        remedy=("run the scene again; for a design of a study, `magmpm design` writes it again"),
     )
 
 

@@ -88,8 +88,8 @@ def check_apparatus(header: CsvLine, named: set[str], scene: Scene) -> None:
         raise header.error(
             "columns of currents need as many coils in the scene, and it has"
             f" {len(coils) or 'none'}",
-            "name them in the scene, field.coils, in the columns' order; current_A is that of the"
-            " only one",
+            "name them in the scene, field.coils, in the columns' order; current_A is for a single"
+            " coil",
         )
     if "inserted" in given and not isinstance(scene.body.shape, StraightBody):
         raise header.error(

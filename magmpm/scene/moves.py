@@ -106,9 +106,9 @@ def check(scene: Any) -> None:
         over = move.over_time
         if name not in held:
             raise fault(
-                f"only what is held can be moved, here {' and '.join(held) or 'nothing'}",
-                "move what is held, or hold it: `clamp: both` below body.strip, say, or `clamp:"
-                " true` in a part",
+                f"only held ends and parts can be moved; held here: {', '.join(held) or 'nothing'}",
+                "move one of them, or hold this one: `clamp: both` in body.strip, or `clamp: true`"
+                " in a part",
                 at,
             )
         if scene.effects.feed is not None:

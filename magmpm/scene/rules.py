@@ -277,7 +277,7 @@ def _path_has_an_end(scene: WholeScene) -> None:
     if over is not None and over.endless is not None:
         why = f"the field's {over.endless} has no end"
     elif endless := [one.endless for one in moved if one.endless is not None]:
-        why = f"the {endless[0]} of what is moved has no end"
+        why = f"the {endless[0]} in `move` has no end"
     elif over is None and scene.effects.feed is not None:
         why = "feed has no end, and the field does not change"
     elif not scene.path_times()[-1] > 0.0:

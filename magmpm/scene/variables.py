@@ -311,11 +311,11 @@ def check_differentiable(scene: Scene, *, fed: bool = False) -> None:
             "effects.feed",
             received="a catheter that is pushed out of its guide",
             rule=(
-                "sensitivities are those of a body whose length outside of the guide is given, and"
-                " here it grows along the path"
+                "sensitivities need a given length outside the guide, and here it grows along the"
+                " path"
             ),
             remedy=(
-                "differentiate what is outside at the end, as `scene.inserted(length)`, in the "
+                "differentiate the length outside at the end, `scene.inserted(length)`, in the "
                 "field of that time; with obstacles, or sources of a field, take finite "
                 "differences of runs"
             ),

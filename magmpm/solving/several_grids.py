@@ -358,7 +358,7 @@ def grids_of(scene: Scene) -> Grids:
         raise SceneError(
             "body.parts.spacing",
             received=length(parts.cell_size(across)),
-            rule="an error is that of a number of cells across, in whose place spacing stands",
+            rule="an error needs `cells_across`, which `spacing` replaces",
             remedy=f"leave it out, and write `resolution: {{cells_across: {cells}}}`, or an error",
         )
     return Runs(scene) if scene.in_time or scene.body.shape.line is None else Equilibria(scene)

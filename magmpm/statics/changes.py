@@ -282,8 +282,8 @@ def _rebuilt(model: StaticModel, scene: Scene) -> StaticModel:
         return static_model(build(scene, time=time))
     if time != model.time:
         raise SolveError(
-            "the number changes when a step of the path is, and so the length that is out of the"
-            " guide; remedy: `duration` in `solver.quasi_static`, or differences of runs"
+            "the number changes the times of the path's steps, and so the length outside the guide;"
+            " remedy: `duration` in `solver.quasi_static`, or differences of runs"
         )
     return model.again(scene)
 

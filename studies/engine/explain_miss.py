@@ -179,8 +179,8 @@ def _curvature(study: Study, space: SearchSpace, best: FrozenTrial) -> list[Find
     a, b = 1e3 * ends[worst]
     says = (
         f"between s = {a:.3g} and {b:.3g} mm the target bends with a radius of"
-        f" {1e3 / bends[worst]:.3g} mm; all that is beyond it together can bend the body there to"
-        f" {1e3 / most[worst]:.3g} mm at the most, in this field"
+        f" {1e3 / bends[worst]:.3g} mm; all segments beyond it together can bend the body to"
+        f" {1e3 / most[worst]:.3g} mm there, in this field"
     )
     numbers = {
         "s_m": ends[worst].tolist(),

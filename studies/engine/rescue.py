@@ -232,8 +232,8 @@ class Memory:
         except (OSError, MagmpmError) as other:
             reason = str(other).splitlines()[0]
             remedy = (
-                f"its finished trials ({finished}) can't be saved elsewhere either ({reason}); see"
-                " to that, and begin anew"
+                f"its finished trials ({finished}) can't be saved elsewhere either ({reason}); "
+                "mend that, and start again"
             )
             return StorageError(report(what, rule=rule, remedy=remedy))
         if path == self._file.path:

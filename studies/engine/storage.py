@@ -274,8 +274,8 @@ def _corrupt(url: str, reason: str) -> DatabaseDamaged:
         f"{path}: the database of trials is damaged ({reason})",
         rule="must be an SQLite database that is whole; running again will not mend it",
         remedy=(
-            f"{_rescued(path.parent)}put back a copy; or {saved}; or move the file away and begin"
-            " anew with another --out"
+            f"{_rescued(path.parent)}put back a copy; or {saved}; or move the file away and start"
+            " again with another --out"
         ),
     )
 
@@ -640,7 +640,7 @@ def _without_trials(out: Path, found: str) -> InputError:
         f"{out}: holds designs of trials that are not there: {found}",
         rule="the designs in a folder and the trials in its database must belong together",
         remedy=(
-            f"{_rescued(out)}put the trials back, or {which}; or begin anew in another folder, say,"
+            f"{_rescued(out)}put the trials back, or {which}; or start again in another folder, such as"
             f" --out {out}-2"
         ),
     )

@@ -330,7 +330,7 @@ def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[
             raise InputError(
                 "--known",
                 received=name,
-                rule=f"must be among what is varied: {names}",
+                rule=f"must be one of the varied constants: {names}",
                 remedy="correct the name",
             )
     return tuple(

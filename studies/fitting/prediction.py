@@ -416,7 +416,7 @@ class Prediction:
             raise InputError(
                 "solver",
                 received=f"{len(times)} frames",
-                rule="what is measured over time needs four frames or more to be compared with",
+                rule="measurements over time are compared with at least four frames",
                 remedy="write a smaller output_every",
             )
         rows = CubicSpline(times, shapes[:, :, 1:])

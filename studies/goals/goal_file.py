@@ -143,7 +143,9 @@ class GoalFile(Settings):
             "Whether motions that do worse than half of those before at the same time are ended."
         ),
     )
-    trials: int = Field(default=35, strict=True, ge=1, le=1_000_000, description="Trials in all.")
+    trials: int = Field(
+        default=35, strict=True, ge=1, le=1_000_000, description="Total number of trials."
+    )
     sampler: str | None = Field(
         default=None,
         description=(

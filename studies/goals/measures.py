@@ -297,7 +297,7 @@ class Shape(Apart):
             raise InputError(
                 at,
                 received="a body of parts",
-                rule="a shape is that of a straight body's axis",
+                rule="only straight bodies have an axis, whose shape is compared",
                 remedy="write `target: {distance: {between: [PART, [x, y, z]]}, value: 0 mm}` for each part",
             )
         check_shape(np.array(self.centreline), scene.length, f"{at}.centreline")
@@ -454,7 +454,7 @@ class Stable(OneMeasure):
             raise InputError(
                 at,
                 received="a motion",
-                rule="stability is that of an equilibrium",
+                rule="only equilibria have a stability",
                 remedy="leave it out, or write `solver: {static: {}}` in the scene",
             )
         return found
@@ -587,7 +587,7 @@ class Measure(Settings):
                     raise InputError(
                         place,
                         received=length(value),
-                        rule="a length comes out of the guide of a catheter that is fed",
+                        rule="only a catheter that is fed comes out of a guide",
                         remedy="name `effects: {feed: ...}` in the scene, or give `at` a time",
                     )
                 value = time_of(scene, value)

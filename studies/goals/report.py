@@ -97,7 +97,7 @@ def text(report: GoalReport) -> str:
         said = _said(report.goals, report.best["values"])
         lines.append(f"  best             trial {report.best['number']}: {said}")
         if not report.best["feasible"]:
-            lines.append("  no trial keeps all constraints; this one is least beyond them")
+            lines.append("  no trial satisfies all constraints; this one violates them least")
         for limit in report.limits:
             value = in_words(limit["label"], report.best["measures"][limit["at"]])
             name = limit["label"].rpartition(" (")[0] or limit["label"]

@@ -441,7 +441,7 @@ class _Seeking:
             return head + (
                 f"failed: {outcome[WHY]}"
                 if WHY in outcome
-                else "not run: beyond a bound anyway"
+                else "not run: violates a bound anyway"
                 if "beyond" in outcome
                 else "pruned"
             )

@@ -369,7 +369,7 @@ CASES = (
             viscosity={"viscosity": 20.0},
         ),
         "flutters as bounce and shear feed each other, and slides",
-        "way, in cells",
+        "displacement, in cells",
         lambda scene: (
             float((move(build(scene)).x - build(scene).particles.position).mean(axis=0)[0])
             / (1e-3 * CELL)

@@ -122,7 +122,7 @@ class Schedule(Settings):
 
     hold: Annotated[float, Quantity("time", at_least="0 s", at_most="100000 s")] = Field(
         default=0.0,
-        description="How long the field then stays as it is at the last time; 0 s unless given.",
+        description="How long the field is held after the last time; 0 s unless given.",
         examples=["0.2 s"],
     )
 
@@ -170,8 +170,8 @@ class Stability(Settings):
         lt=1.0,
         allow_inf_nan=False,
         description=(
-            "Least smallest eigenvalue of the tangent, of that of the unloaded body: 1 at rest, 0"
-            " at a critical load."
+            "Least stability of a design: the smallest eigenvalue of the tangent over that of the"
+            " unloaded body, 1 at rest, 0 at a critical load."
         ),
         examples=[0.1],
     )
@@ -395,7 +395,7 @@ class StudyFile(Settings):
     def _of_the_limits(self) -> tuple[str, str, Key] | None:
         """Limits of directions, for directions that vary."""
         if self.limits is not None and self.vary.magnetization is None:
-            rule = "limits are those of directions, and this study varies none"
+            rule = "limits apply to directions, and this study varies none"
             return rule, "add `magnetization: {}` to `vary`, or remove `limits`", ("limits",)
         if self.limits is not None and self.limits.directions is not None:
             different = len(set(self.limits.directions))

@@ -120,7 +120,7 @@ def write_best_scene(
         _add_push(content, study, space, best["params"])
         head = (
             f"# The best design of the study {study.name}, pushed through its guide while the field"
-            " passes from depth to depth.\n# `magmpm design` writes it anew when a trial is"
+            " passes from depth to depth.\n# `magmpm design` overwrites it when a trial is"
             f" better: copy it before you change it.\n#\n#   magmpm run {path} --render\n#   magmpm"
             f" report {folder.parent} --motion        runs it and compares it with the equilibria"
             " of the study\n\n"
@@ -132,8 +132,8 @@ def write_best_scene(
             _add_schedule(content, study, space, best["params"])
         head = (
             f"# The best design of the study {study.name}: trial {best['number']}, rms"
-            f" {1e3 * best['rms_m']:.4g} mm from the target shape.\n# `magmpm design` made it of"
-            f" {_from_folder(study.scene_file, folder)}, and writes it anew when a trial is better:"
+            f" {1e3 * best['rms_m']:.4g} mm from the target shape.\n# `magmpm design` made it from"
+            f" {_from_folder(study.scene_file, folder)}, and overwrites it when a trial is better:"
             f" copy it before you change it.\n#\n#   magmpm run {path} --render\n\n"
         )
     text = head + as_yaml(content)

@@ -259,8 +259,8 @@ def check_shape(target: Array, length: float, where: str) -> Array:
     rows = target if target[0, 0] == 0 else np.vstack([np.zeros(4), target])
     if len(rows) - 1 < fewest_points:
         rule = (
-            f"a shape needs {fewest_points} points or more beyond the base: one says where it is,"
-            " and not how it bends"
+            f"a shape needs at least {fewest_points} points beyond the base: a single one does not"
+            " say how it bends"
         )
         raise InputError(
             where,
@@ -531,8 +531,8 @@ def _corner_fault(scene: Scene, file: StudyFile) -> Fault | None:
             )
             said = " ".join(line.strip() for line in str(error).splitlines())
             rule = (
-                f"the bounds must be those of scenes there are, and the one with the {name} values"
-                f" is refused ({said})"
+                f"the bounds must make valid scenes, and the one with the {name} values is refused"
+                f" ({said})"
             )
             return (
                 ("vary", key),

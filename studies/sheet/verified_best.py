@@ -228,7 +228,7 @@ def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> lis
     if study is None:
         raise InputError(
             "--motion",
-            rule="the schedule's shapes are those of its study file, which is gone or has changed",
+            rule="the schedule's shapes are in its study file, which is gone or has changed",
             remedy="leave it out",
         )
     paths = {"quasi_static_m": scene, "motion_m": in_motion(scene, study)}

@@ -375,7 +375,7 @@ def moved(name: str, settings: str, key: str, received: str, *says: str, more: t
 
 
 MOVED = [
-    moved("a free end is moved", "tip: {along: [1, 0, 0], distance: 1 mm}", "tip", "{", "only what is held can be moved, here base", "clamp: both"),
+    moved("a free end is moved", "tip: {along: [1, 0, 0], distance: 1 mm}", "tip", "{", "only held ends and parts can be moved; held here: base", "clamp: both"),
     moved("moved nowhere", "base: {along: [0, 0, 0], distance: 1 mm}", "base.along", "[0, 0, 0]", "must not be zero"),
     moved("a way of no unit", "base: {along: [1, 0, 0], distance: 1}", "base.distance", "1", "a length needs a unit"),
     moved("a way back", "base: {along: [1, 0, 0], distance: -1 mm}", "base.distance", '"-1 mm"', "must be greater than 0 mm"),

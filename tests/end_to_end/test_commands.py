@@ -140,8 +140,8 @@ def test_design_says_the_field_it_found_and_its_best_scene_runs(folder: Path, to
     assert "picture" not in text
     field = 1e3 * np.array(found["best"]["field_T"])
     assert (
-        f"field          [{', '.join(f'{x:+.4f}' for x in field)}] mT, {np.linalg.norm(field):.4g}"
-        " mT in all" in text
+        f"field          [{', '.join(f'{x:+.4f}' for x in field)}] mT, magnitude"
+        f" {np.linalg.norm(field):.4g} mT" in text
     )
     assert "magmpm run runs/study/best/scene.yaml --render" in text
     tip = json.loads(told("run", "runs/study/best/scene.yaml", "--json").out)["tip"]

@@ -140,4 +140,10 @@ def test_progress_tells_how_each_trial_ended(tmp_path: Path) -> None:
     (figure,) = drawn
     assert [axes.get_ylabel() for axes in figure.axes] == ["travel (mm)", "largest field (mT)"]
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["trial", "best so far", "failed", "pruned", "not run: beyond a bound anyway"]
+    assert labels == [
+        "trial",
+        "best so far",
+        "failed",
+        "pruned",
+        "not run: violates a bound anyway",
+    ]

@@ -173,7 +173,7 @@ def test_a_preview_is_near_the_solution_and_the_solver_finds_what_run_finds() ->
         assert np.linalg.norm(shape.axis[-1] - alone.tip) < 5e-3 * scene.length
         solver.process.process.kill()
         lost = solver.solved(near)
-        assert "started anew" in lost.failure
+        assert "was restarted" in lost.failure
         assert solver.solved(near).result is not None
     finally:
         solver.close()

@@ -79,7 +79,7 @@ def alarms(facts: Mapping[str, Any]) -> Markup:
     elif not facts.get("body"):
         says.append(
             "The files of the best design are missing or damaged in this folder; run `magmpm"
-            " design` again: it makes them anew."
+            " design` again: it writes them again."
         )
     stop = facts.get("stop_rms_m")
     best = facts.get("best")

@@ -73,9 +73,9 @@ def _alarms(report: Mapping[str, Any]) -> Markup:
     if report["best"] is None:
         says.append("No trial was run to its end: there is no design.")
     elif not report["best"]["feasible"]:
-        says.append("No trial keeps all constraints; this design is the one least beyond them.")
+        says.append("No trial satisfies all constraints; this design violates them least.")
     if report["ended"] != "done":
-        says.append(f"The search is not at its end: {report['ended']}.")
+        says.append(f"The search has not ended: {report['ended']}.")
     return joined(tag("p", one, class_="alarm") for one in says)
 
 

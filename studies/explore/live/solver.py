@@ -148,7 +148,7 @@ class SolverProcess:
                 self.process.start()
                 kind = "failure"
                 answer = (
-                    f"the process that solves {death} and was started anew; move a slider to go on"
+                    f"the process that solves {death} and was restarted; move a slider to go on"
                 )
                 rms = None
             seconds = time.perf_counter() - begun
