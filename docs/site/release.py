@@ -1,7 +1,7 @@
 """`make release`: sdist and wheel of what git knows, with a page for PyPI on which no link is dead.
 
 PyPI shows README.md without the repository around it, so relative links and pictures lead nowhere there. Where the remote `origin` has an
-address on the web, they become links to this version's tag there. Where it has none, pictures are left out, and links become their text.
+address on the web, they become links to this version's tag there. Where it has none, pictures are left out, and of a link the name of its page stays, in italics.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def page(readme: str, at: str | None, tag: str) -> str:
         if "://" in target or target.startswith("#"):
             return link[0]
         if at is None:
-            return "" if image else text
+            return "" if image else f"*{text}*"
         return f"{image}[{text}]({at}/{'raw' if image else 'blob'}/{tag}/{target})"
 
     return re.sub(r"\n{3,}", "\n\n", re.sub(r"[ \t]+$", "", LINK.sub(whole, readme), flags=re.M))

@@ -640,7 +640,7 @@ def _without_trials(out: Path, found: str) -> InputError:
         f"{out}: holds designs of trials that are not there: {found}",
         rule="the designs in a folder and the trials in its database must belong together",
         remedy=(
-            f"{_rescued(out)}put the trials back, or {which}; or start again in another folder, say,"
+            f"{_rescued(out)}put the trials back, or {which}; or start again in another folder:"
             f" --out {out}-2"
         ),
     )

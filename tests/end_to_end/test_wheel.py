@@ -70,7 +70,7 @@ def test_the_page_for_pypi_has_no_dead_link() -> None:
     bare = made["page"](readme, None, "v1")
     assert RELATIVE.findall(bare) == []
     assert "![" not in bare
-    assert "Accuracy has the other" in bare
+    assert "*Accuracy* has the other" in bare
     assert re.findall(r"```.*?```", bare, re.DOTALL) == re.findall(r"```.*?```", readme, re.DOTALL)
 
 
