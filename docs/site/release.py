@@ -1,7 +1,8 @@
 """`make release`: sdist and wheel of what git knows, with a page for PyPI on which no link is dead.
 
 PyPI shows README.md without the repository around it, so relative links and pictures lead nowhere there. Where the remote `origin` has an
-address on the web, they become links to this version's tag there. Where it has none, pictures are left out, and of a link the name of its page stays, in italics.
+address on the web, they become links to this version's tag there. Where it has none, pictures are left out, and of a link to a page its
+name stays, in italics.
 """
 
 from __future__ import annotations
