@@ -25,7 +25,7 @@ HEAD = """# What accuracy costs
 
 Several scenes over ladders of cell sizes: `make gallery` solves them and writes this page, `magmpm accuracy SCENE` does the same for
 any scene. Errors are the largest distance of the axis (of the gripper, of the centers of its parts) from the finest cells, or from a
-reference where the scene names one; "at most" is a bound told by the difference from the finest cells (`resolution: {error: ...}` has its
+reference where the scene names one; "at most" is a bound from the difference to the finest cells (`resolution: {error: ...}` has its
 own pairs of cells, and witnesses between them). Seconds are of the machine that built this page, with two cores and kernels compiled.
 """
 
