@@ -121,7 +121,7 @@ class Position(AtMoment):
 
 
 class Displacement(Position):
-    """Way from the undeformed body's place along a direction, m."""
+    """Displacement from the undeformed body along a direction, m."""
 
     def of_answer(self, answer: Answer, at: str) -> float:
         begin = answer.place(self.of, None, at) @ np.array(self.along)
@@ -129,14 +129,14 @@ class Displacement(Position):
 
 
 class Travel(Smooth):
-    """Way between two times along a direction, m."""
+    """Displacement between two times along a direction, m."""
 
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
     of: str = OF
     along: Axis = ALONG
     begin: _Time | None = Field(
-        default=None, alias="from", description="From when; from the begin unless given."
+        default=None, alias="from", description="From when; the start unless given."
     )
     end: _Time | None = Field(
         default=None, alias="to", description="Until when; to the end unless given."
@@ -153,7 +153,7 @@ class Travel(Smooth):
 
 
 class Turn(AtMoment):
-    """Rotation about an axis since the begin, by the rotation that fits the particles best, rad."""
+    """Rotation about an axis since the start, by the rotation that fits the particles best, rad."""
 
     kind: ClassVar[str | None] = "angle"
     unit: ClassVar[str] = "rad"
