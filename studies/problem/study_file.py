@@ -45,7 +45,7 @@ class Match(Settings):
         default=None,
         min_length=1,
         description=(
-            "Of an insertion: path, relative to this file, of a CSV table of the way from the"
+            "Of an insertion: path, relative to this file, of a CSV table of the path from the"
             " guide's exit on, columns s_mm,x_mm,y_mm,z_mm."
         ),
         examples=["../targets/vessel_s.csv"],
