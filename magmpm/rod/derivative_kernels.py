@@ -23,10 +23,11 @@ from magmpm.rod.kernels import (
     half_way,
     in_frame,
     matrix,
-    mixed,
+    pulling,
     relative,
     relax,
     solve,
+    within,
 )
 
 
@@ -95,18 +96,11 @@ def _elements(q, rod, A, P, Q):
     step = np.empty((3, 3))
     for e in range(len(rod.length)):
         c = rod.compliance[e]
-        m0 = rod.moment[e, 0]
         size = half_way(q[e], q[e + 1], mid)
         for side in range(2):
             _turned_by(mid, q[e + side], size, a, turned[side])
         for part in range(3):
-            if part == 1:
-                matrix(mid, R)
-            else:
-                matrix(q[e + part // 2], R)
-            b = in_frame(R, mixed(part, rod.field[e], rod.field[e + 1]))
-            w = in_frame(R, mixed(part, rod.weight[e], rod.weight[e + 1]))
-            f = (w[0] + m0 * b[0], w[1] + m0 * b[1], w[2] + m0 * b[2])
+            b, f = within(q, mid, rod, e, part, R)
             share = rod.length[e] * (4.0 if part == 1 else 1.0) / 6.0
             _stretched(c, f, stretched)
             _product(share, R, stretched, moved)
@@ -143,7 +137,7 @@ def _changes(frames, rod, by_moment, by_field, by_weight):
             R = frames[e + side]
             b = in_frame(R, rod.field[e + side])
             w = in_frame(R, rod.weight[e + side])
-            f = (w[0] + m[0] * b[0], w[1] + m[0] * b[1], w[2] + m[0] * b[2])
+            f = pulling(b, w, m[0])
             U[0, 1], U[0, 2] = (c[2] - c[1]) * f[2], (c[2] - c[1]) * f[1]
             U[1, 0], U[1, 2] = (c[0] - c[2]) * f[2], (c[0] - c[2]) * f[0]
             U[2, 0], U[2, 1] = (c[1] - c[0]) * f[1], (c[1] - c[0]) * f[0]

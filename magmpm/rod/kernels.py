@@ -95,11 +95,29 @@ def in_frame(R, v):
 
 
 @inlined
-def mixed(part, a, b):
+def _mixed(part, a, b):
     """Vector half of `part` of the way from a to b, a tuple."""
     last = 0.5 * part
     first = 1.0 - last
     return first * a[0] + last * b[0], first * a[1] + last * b[1], first * a[2] + last * b[2]
+
+
+@inlined
+def pulling(b, w, m0):
+    """Force f = w + m_0 b that stretches and shears, of weight and field in the frame, a tuple."""
+    return w[0] + m0 * b[0], w[1] + m0 * b[1], w[2] + m0 * b[2]
+
+
+@inlined
+def within(q, mid, rod, e, part, R):
+    """Write the frame at an element's first end, middle `mid` or last end (part 0 to 2) to R. Returns field and force there, in the frame."""
+    if part == 1:
+        matrix(mid, R)
+    else:
+        matrix(q[e + part // 2], R)
+    b = in_frame(R, _mixed(part, rod.field[e], rod.field[e + 1]))
+    w = in_frame(R, _mixed(part, rod.weight[e], rod.weight[e + 1]))
+    return b, pulling(b, w, rod.moment[e, 0])
 
 
 @compiled
@@ -147,9 +165,7 @@ def _add_potential(h, b, w, m, c, g, H):
     (b . m + w . e + f . F) I - b m^T - w e^T - F f^T, less [f]^T C [f]. Every entry is written out, as loops over them keep
     nothing in registers and take many times as long.
     """
-    f0 = w[0] + m[0] * b[0]
-    f1 = w[1] + m[0] * b[1]
-    f2 = w[2] + m[0] * b[2]
+    f0, f1, f2 = pulling(b, w, m[0])
     g[0] += h * (b[1] * m[2] - b[2] * m[1] + (c[2] - c[1]) * f1 * f2)
     g[1] += h * (b[2] * m[0] - b[0] * m[2] + w[2] + (c[0] - c[2]) * f2 * f0)
     g[2] += h * (b[0] * m[1] - b[1] * m[0] - w[1] + (c[1] - c[0]) * f0 * f1)
@@ -429,14 +445,9 @@ def frames_of(q, rod):
         relative(q[e], q[e + 1], z)
         half_way(q[e], q[e + 1], mid)
         for part in range(3):  # Simpson's rule: the element's two frames and the one half-way
-            if part == 1:
-                matrix(mid, R)
-            else:
-                matrix(q[e + part // 2], R)
-            b = in_frame(R, mixed(part, rod.field[e], rod.field[e + 1]))
-            w = in_frame(R, mixed(part, rod.weight[e], rod.weight[e + 1]))
+            _, f = within(q, mid, rod, e, part, R)
             for i in range(3):
-                v[i] = rod.compliance[e, i] * (w[i] + rod.moment[e, 0] * b[i])
+                v[i] = rod.compliance[e, i] * f[i]
             v[0] += 1.0
             share = rod.length[e] * (4.0 if part == 1 else 1.0) / 6.0
             for i in range(3):
