@@ -17,6 +17,7 @@ from magmpm.rod.kernels import (
     LoadedRod,
     _dot,
     _scaled,
+    at_part,
     derivatives,
     factor,
     frames_of,
@@ -27,7 +28,6 @@ from magmpm.rod.kernels import (
     relative,
     relax,
     solve,
-    within,
 )
 
 
@@ -100,7 +100,11 @@ def _elements(q, rod, A, P, Q):
         for side in range(2):
             _turned_by(mid, q[e + side], size, a, turned[side])
         for part in range(3):
-            b, f = within(q, mid, rod, e, part, R)
+            if part == 1:
+                matrix(mid, R)
+            else:
+                matrix(q[e + part // 2], R)
+            b, f = at_part(R, rod, e, part)
             share = rod.length[e] * (4.0 if part == 1 else 1.0) / 6.0
             _stretched(c, f, stretched)
             _product(share, R, stretched, moved)

@@ -109,12 +109,8 @@ def pulling(b, w, m0):
 
 
 @inlined
-def within(q, mid, rod, e, part, R):
-    """Write the frame at an element's first end, middle `mid` or last end (part 0 to 2) to R. Returns field and force there, in the frame."""
-    if part == 1:
-        matrix(mid, R)
-    else:
-        matrix(q[e + part // 2], R)
+def at_part(R, rod, e, part):
+    """Field, and force that stretches and shears, in the frame R at an element's first end, middle or last end (part 0 to 2)."""
     b = in_frame(R, _mixed(part, rod.field[e], rod.field[e + 1]))
     w = in_frame(R, _mixed(part, rod.weight[e], rod.weight[e + 1]))
     return b, pulling(b, w, rod.moment[e, 0])
@@ -445,7 +441,11 @@ def frames_of(q, rod):
         relative(q[e], q[e + 1], z)
         half_way(q[e], q[e + 1], mid)
         for part in range(3):  # Simpson's rule: the element's two frames and the one half-way
-            _, f = within(q, mid, rod, e, part, R)
+            if part == 1:
+                matrix(mid, R)
+            else:
+                matrix(q[e + part // 2], R)
+            _, f = at_part(R, rod, e, part)
             for i in range(3):
                 v[i] = rod.compliance[e, i] * f[i]
             v[0] += 1.0
