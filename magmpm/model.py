@@ -391,7 +391,7 @@ def _acting(scene: Scene, particles: Particles, time: float | None) -> tuple[NDA
 
 
 def _loads(scene: Scene, shape: BodyShape, particles: Particles) -> dict[str, Any]:
-    """What loads act on, of particles (n,): remanence and density, as a model has them."""
+    """Remanence and density of particles (n,), on which loads act, as a model has them."""
     materials = [scene.materials[region.material_name] for region in shape.regions()]
     of = particles.segment
     remanence = np.array([material.remanence for material in materials])[of, None]

@@ -122,7 +122,7 @@ class Answer:
 
     @property
     def given(self) -> Any:
-        """What a user's function gets: the motion, or else the result."""
+        """Argument of a user's function: the motion, or else the result."""
         return self.result if self.motion is None else self.motion
 
     @property

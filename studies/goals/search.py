@@ -534,7 +534,7 @@ class _Seeking:
         )
 
     def _known_of(self, key: str, best: Plain) -> Plain | None:
-        """What is stored of the best trial under a key; None where it is of another one."""
+        """Findings about the best trial that are stored under a key; None where they are of another one."""
         stored: Plain = self.known.user_attrs.get(key, {})
         return stored if stored.get("number") == best["number"] else None
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.process import Died
 from magmpm.errors import InputError, MagmpmError, in_one_line, require
 from magmpm.inputs.settings import validate
@@ -57,7 +58,7 @@ class SweepTable:
 
 def sweep(
     scene: Scene | Path | str | Mapping[str, Any],
-    values: Mapping[str, Sequence[Any]],
+    values: Mapping[str, Sequence[Any] | Array],
     *,
     measure: Sequence[str | Mapping[str, Any] | Callable[[Any], Any]] = (TIP,),
     executor: Executor | None = None,
@@ -73,12 +74,12 @@ def sweep(
     ----------
     scene : Scene, Path, str or Mapping[str, Any]
         A Scene, the path of its file, or a dict as load_scene takes.
-    values : Mapping[str, Sequence[Any]]
+    values : Mapping[str, Sequence[Any] or array]
         For each address of a number, such as "field.uniform[2]", the values that it takes: text
         with units, SI numbers, {} or None.
     measure : sequence of str, Mapping[str, Any] or callable, default (TIP,)
         "tip", names of measures (docs/goals.md), their settings as dicts, or functions of a
-        Result (of the Motion of what runs along time).
+        Result (of the Motion of what runs along time) that return a number.
     executor : Executor, optional
         Any of concurrent.futures, Dask or MPI. None: `workers` processes of its own.
     workers : int, optional
