@@ -12,7 +12,6 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
-from magmpm.statics.stability import mass
 
 SCENE = Path(__file__).parents[3] / "data" / "scenes" / "axial_transverse.yaml"
 
@@ -93,8 +92,8 @@ def smallest(scene: Scene) -> tuple[float, float]:
         np.random.default_rng(1).standard_normal((energy.shape[0], 4, energy.shape[1]))
     )
     for _ in range(12):
-        Y = matrix.solve_columns(mass(energy, X))
-        values, vectors = eigh(*(np.einsum("pam,pbm->ab", Y, mass(energy, one)) for one in (X, Y)))
+        Y = matrix.solve_columns(energy.mass(X))
+        values, vectors = eigh(*(np.einsum("pam,pbm->ab", Y, energy.mass(one)) for one in (X, Y)))
         X = np.ascontiguousarray(np.einsum("pam,ab->pbm", Y, vectors))
     return float(values[0]), found.stability
 
