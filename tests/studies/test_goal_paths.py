@@ -173,7 +173,11 @@ def test_the_tip_is_led_sideways_at_each_depth(tmp_path: Path) -> None:
         ),
         (TURNED, "turn: {of: tip, at: 0.7 s}", "the nearest is at 500 ms"),
         (TURNED, "travel: {of: tip, from: 0 s, to: 3 s}", "travel.to: received 3.00 s"),
-        (TURNED, "position: {of: tip, inserted: 10 mm}", "of a catheter that is fed"),
+        (
+            TURNED,
+            "position: {of: tip, inserted: 10 mm}",
+            "a catheter that is fed comes out of a guide",
+        ),
         (FED, "position: {of: tip, inserted: 12 mm}", "received 12 mm, out of the guide at 200 ms"),
         (FED, "position: {of: tip, inserted: 10 mm, at: 0 s}", "at and inserted both say when"),
     ],
