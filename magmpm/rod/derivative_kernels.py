@@ -11,7 +11,7 @@ dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 an
 
 import numpy as np
 
-from magmpm.compiled.jit import compiled, inlined, inner, task_body
+from magmpm.compiled.jit import compiled_elsewhere, inlined, inner, task_body
 from magmpm.compiled.parallel import over_parts, task
 from magmpm.rod.kernels import (
     LoadedRod,
@@ -266,7 +266,7 @@ def _inertia(frames, length, x, moved, out):
         out[0, i] = 0.0
 
 
-@compiled
+@compiled_elsewhere
 def softest(q, rod):
     """Smallest eigenvalue, N/m^2 per kg/m, of a rod's Hessian H with the mass M of its displacements, 1 kg per m; 0: no minimum.
 
@@ -325,7 +325,7 @@ def _relax_one(r, given):
         found[r] = _slopes(q[r], rod, parameters, frames, slopes[r])
 
 
-@compiled
+@compiled_elsewhere
 def relax_all(q, rods, parameters, position, slopes, found):
     """Equilibria of many rods with their slopes, each from its q (rods, n + 1, 4), changed in place.
 
