@@ -144,8 +144,7 @@ def in_si(value: Any, measure: Measure, at: str) -> float | None:
     """A bound or target of a measure in SI; None of None. Raises InputError."""
     if value is None:
         return None
-    kind = None if measure.kind is None else KINDS[measure.kind]
-    if kind is None:
+    if measure.kind is None:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise InputError(
                 at,
@@ -155,7 +154,7 @@ def in_si(value: Any, measure: Measure, at: str) -> float | None:
             )
         return float(value)
     try:
-        return parse_quantity(str(value), kind)
+        return parse_quantity(str(value), KINDS[measure.kind])
     except BadQuantity as error:
         raise InputError(at, received=repr(value), rule=error.rule, remedy=error.remedy) from None
 

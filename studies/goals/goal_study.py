@@ -81,6 +81,13 @@ class GoalStudy:
         return not whole
 
     @property
+    def begun(self) -> Plain:
+        """The parameters with which a search begins: those of the scene, or the nearest within bounds."""
+        return {
+            name: value for knob in self.knobs for name, value in knob.begun(self.scene).items()
+        }
+
+    @property
     def sampler(self) -> str:
         """The file's, or the one that its goals and variables allow."""
         if self.file.sampler is not None:

@@ -544,27 +544,30 @@ class Measure(Settings):
         return " ".join([self.name, *words, *([f"({self.unit})"] if self.unit else [])])
 
     @property
+    def _class(self) -> type[OneMeasure]:
+        return KINDS.get(
+            self.given, OneMeasure
+        )  # of a user's function it has no unit, and no derivative
+
+    @property
     def unit(self) -> str:
         """Its SI unit, "" where it has none."""
-        return "" if self.python is not None else KINDS[self.name].unit
+        return self._class.unit
 
     @property
     def kind(self) -> str | None:
         """Kind of its quantity, None for a plain number."""
-        return None if self.python is not None else KINDS[self.name].kind
+        return self._class.kind
 
     @property
     def regions(self) -> set[str]:
         """Names of the regions whose places it measures."""
-        said = {} if self.python is not None else getattr(self, self.name).model_dump()
+        if not issubclass(self._class, AtMoment | Travel):
+            return set()
+        said = getattr(self, self.name).model_dump()
         between = said.get("between", ())
         places = [said.get("of", "body"), *(of for of in between if isinstance(of, str))]
-        along = KINDS.get(self.given, OneMeasure)
-        return (
-            {str(of) for of in places[bool(between) :]}
-            if issubclass(along, AtMoment | Travel)
-            else set()
-        )
+        return {str(of) for of in places[bool(between) :]}
 
     def check_moments(self, scene: Scene, at: str) -> None:
         """Raises InputError for a time at which the scene has no answer, a length that nobody pushes out of a guide, and a contact or
@@ -625,7 +628,7 @@ class Measure(Settings):
 
     def smooth(self, scene: Scene) -> bool:
         """True if it has derivatives at rest: of the equilibrium, or as it is known without a run."""
-        return self.python is None and (issubclass(KINDS[self.name], Smooth) or self.before(scene))
+        return issubclass(self._class, Smooth) or self.before(scene)
 
     def before(self, scene: Scene) -> bool:
         """True if it is known before a scene's run."""

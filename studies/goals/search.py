@@ -127,11 +127,8 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
             known.set_metric_names([label for label, _ in study.shown])
-        begun: Plain = {}
-        for knob in study.knobs:
-            begun |= knob.begun(study.scene)
         if study.sampler != SLSQP:  # which begins there by itself
-            known.enqueue_trial(begun, skip_if_exists=True)  # the scene as it is
+            known.enqueue_trial(study.begun, skip_if_exists=True)  # the scene as it is
         # last: a kill before it leaves a study that the next run begins again
         known.set_user_attr(DEFINITION, study.definition)
     for trial in known.get_trials(states=(TrialState.RUNNING,), deepcopy=False):
@@ -161,6 +158,7 @@ class _Seeking:
     def run(self, count: int) -> GoalReport:
         """Trials until there are `count`, then the best on more cells."""
         self.wanted = count
+        self._keep()
         ended = "done"
         running: dict[Future[Plain], tuple[Trial, evaluate.Job]] = {}
         with ExitStack() as stack:
@@ -211,9 +209,6 @@ class _Seeking:
     def _descend(self, count: int) -> None:
         """Steps along derivatives, from the scene; each is a trial. Those that are stored are not run again, so a search goes on with the
         next step, and with all that its steps had learned."""
-        begun: Plain = {}
-        for knob in self.study.knobs:
-            begun |= knob.begun(self.study.scene)
         ranges: Any = distributions(self.study.knobs)  # all of them are smooth
         stored = {
             tuple(trial.params[name] for name in ranges): trial.user_attrs.get(SLOPES)
@@ -233,7 +228,7 @@ class _Seeking:
         if self.known.user_attrs.get(CONVERGED):
             return
         with suppress(Enough):
-            descend(ranges, begun, tried, steps=count)
+            descend(ranges, self.study.begun, tried, steps=count)
             self.known.set_user_attr(CONVERGED, True)
 
     def _missed(self, found: dict[str, Derived]) -> Slopes:
@@ -371,7 +366,7 @@ class _Seeking:
             if part <= seen or part >= parts_of_motion:
                 return
             seen = part
-            with suppress(InputError):  # no frame yet, or none that is whole
+            with suppress(MagmpmError):  # no frame yet, none that is whole, or too few to measure
                 motion = Motion.load(job.folder)
                 if len(motion) < 2:
                     return
@@ -393,15 +388,7 @@ class _Seeking:
             trial.set_user_attr(CONSTRAINTS, beyond)
             set_constraints(trial, beyond)
             self.known.tell(trial, self._told(values))
-            best = self._best()
-            if best is not None and best.number == trial.number:
-                kept = self.out / "best"
-                evaluate.forget(kept)
-                shutil.move(job.folder, kept)
-                with suppress(InputError):  # a scene with a table that a file names stays in best/
-                    name = f"{job.scene.name}, {self.study.name}"[:100]
-                    named = Scene.from_si({**job.scene.to_si(), "name": name})
-                    named.save(self.out / "best.yaml")
+            self._keep()
         else:
             self._ended_early(trial, outcome)
         evaluate.forget(job.folder)
@@ -409,6 +396,21 @@ class _Seeking:
             write_json(self.out / REPORT, self._report("running").summary(), indent=1)
             self.written = time.perf_counter()
         self._note(self._line(trial.number, outcome))
+
+    def _keep(self) -> None:
+        """Keep the run of the best trial, if that is new; or was, when a session was killed."""
+        best = self._best()
+        if best is None:
+            return
+        run = self.out / f"trial_{best.number}"
+        if not run.exists():
+            return
+        scene = made(self.study.scene, self.study.knobs, best.params)
+        with suppress(InputError):  # a scene with a table that a file names stays in best/
+            name = f"{scene.name}, {self.study.name}"[:100]
+            Scene.from_si({**scene.to_si(), "name": name}).save(self.out / "best.yaml")
+        evaluate.forget(self.out / "best")
+        shutil.move(run, self.out / "best")  # last: until then the next session finds it
 
     def _told(self, values: Sequence[float]) -> list[float]:
         """Values as trials of this study are told."""
@@ -456,14 +458,15 @@ class _Seeking:
             ", the best" if best is not None and best.number == number else ""
         )
 
-    def _finished(self) -> int:
-        return sum(
-            trial.state.is_finished() and (trial.state.name != "FAIL" or WHY in trial.user_attrs)
+    def _ran(self) -> list[FrozenTrial]:
+        return [
+            trial
             for trial in self.known.get_trials(deepcopy=False)
-        )
+            if trial.state.is_finished() and (trial.state.name != "FAIL" or WHY in trial.user_attrs)
+        ]
 
-    def _complete(self) -> list[FrozenTrial]:
-        return self.known.get_trials(states=(TrialState.COMPLETE,), deepcopy=False)
+    def _finished(self) -> int:
+        return len(self._ran())
 
     def _best(self) -> FrozenTrial | None:
         """The best trial: one that keeps all bounds, else the one that is least beyond them; of several goals, by the first."""
@@ -473,7 +476,8 @@ class _Seeking:
             beyond = trial.user_attrs.get(CONSTRAINTS) or [0.0]
             return sum(max(one, 0.0) for one in beyond), sign * trial.values[0], trial.number
 
-        return min(self._complete(), key=rank, default=None)
+        complete = self.known.get_trials(states=(TrialState.COMPLETE,), deepcopy=False)
+        return min(complete, key=rank, default=None)
 
     def _shown(self, trial: FrozenTrial) -> Plain:
         return {
@@ -485,12 +489,8 @@ class _Seeking:
         }
 
     def _report(self, ended: str) -> GoalReport:
-        every = self.known.get_trials(deepcopy=False)
-        finished = [
-            t
-            for t in every
-            if t.state.name == "COMPLETE" or WHY in t.user_attrs or t.state.name == "PRUNED"
-        ]
+        finished = self._ran()
+        ends = [_end(t) for t in finished]
         took = [t.duration.total_seconds() for t in finished if t.duration and t.values]
         best = self._best()
         return GoalReport(
@@ -499,7 +499,7 @@ class _Seeking:
             trials=len(finished),
             values=[self._values(t) if t.state.name == "COMPLETE" else None for t in finished],
             feasible=[t.state.name == "COMPLETE" and _keeps(t) for t in finished],
-            ends=[_end(t) for t in finished],
+            ends=ends,
             best=None if best is None else self._shown(best),
             pareto=[self._shown(t) for t in self.known.best_trials]
             if self.study.file.several
@@ -509,8 +509,8 @@ class _Seeking:
                 for t in finished
                 if WHY in t.user_attrs
             ],
-            pruned=sum(_end(t) == "pruned" for t in finished),
-            skipped=sum(_end(t) == "not run" for t in finished),
+            pruned=ends.count("pruned"),
+            skipped=ends.count("not run"),
             limits=self.study.limits,
             begun={
                 name: value
