@@ -137,12 +137,13 @@ def sweep(options: argparse.Namespace) -> int:
     """Run a scene over values of its numbers."""
     from magmpm.studies.goals.sweep import sweep as swept
 
-    values = dict(_values(one) for one in options.set or ())
-    if not values:
+    given = options.set or []
+    values = dict(map(_values, given))
+    if not values or len(values) < len(given):
         raise InputError(
             "--set",
-            received="nothing",
-            rule="a sweep sets a number of the scene to some values",
+            received="; ".join(given) or "nothing",
+            rule="a sweep sets numbers of the scene to some values, each of them once",
             remedy="write, say, --set 'field.uniform[2]=2 mT,4 mT'",
         )
     end_as_by_ctrl_c()
@@ -204,9 +205,9 @@ def _values(text: str) -> tuple[str, list[Any]]:
     """An address and its values, from ADDRESS=V1,V2. Raises InputError."""
     import yaml
 
-    address, sign, listed = text.partition("=")
+    address, _, listed = text.partition("=")
     try:
-        values = [yaml.safe_load(one) for one in _divided(listed)] if sign and listed else []
+        values = [yaml.safe_load(one) for one in _divided(listed)] if listed else []
     except yaml.YAMLError:
         values = []
     if not address.strip() or not values:
@@ -232,10 +233,18 @@ def _divided(text: str) -> list[str]:
 
 
 def _measure(text: str) -> Any:
-    """A measure: its name, or its settings as YAML."""
+    """A measure: its name, or its settings as YAML. Raises InputError."""
     import yaml
 
-    return yaml.safe_load(text) if text.lstrip().startswith("{") else text
+    try:
+        return yaml.safe_load(text) if text.lstrip().startswith("{") else text
+    except yaml.YAMLError:
+        raise InputError(
+            "--measure",
+            received=repr(text),
+            rule="must be a name, or settings in brackets that close",
+            remedy="write, say, --measure '{travel: {of: tip}}'",
+        ) from None
 
 
 def _words(row: dict[str, Any]) -> str:

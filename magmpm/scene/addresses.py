@@ -78,6 +78,36 @@ def places(scene: Scene, address: str) -> list[Place]:
     return found
 
 
+def check_apart(named: Iterable[tuple[str, Iterable[Place]]], at: str) -> None:
+    """Refuse a place that is varied twice, or as a part of another.
+
+    Parameters
+    ----------
+    named : iterable of (name, places)
+        What varies each place.
+    at : str
+        Where that is said, for the message.
+
+    Raises
+    ------
+    InputError
+        Where two places are the same, or one is a part of the other.
+    """
+    seen: dict[Place, str] = {}
+    for name, each in named:
+        for place in each:
+            for other, before in seen.items():
+                shared = min(len(place), len(other))
+                if place[:shared] == other[:shared]:
+                    raise InputError(
+                        at,
+                        received=written(place),
+                        rule=f"is varied twice, by {before} as well",
+                        remedy="leave one of them out",
+                    )
+            seen[place] = name
+
+
 def _indexed(name: str, address: str, scene: Scene) -> str:
     """A name with the indices of an address in place of [*], where both have them at the same keys, and the scene has something there."""
     if [part.count("[") for part in name.split(".")] != [

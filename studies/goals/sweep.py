@@ -7,7 +7,7 @@ import json
 import marshal
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -20,7 +20,7 @@ from magmpm.errors import InputError, MagmpmError, in_one_line, require
 from magmpm.inputs.settings import validate
 from magmpm.results.folder_lock import folder_lock
 from magmpm.scene import Scene, load_scene
-from magmpm.scene.addresses import changed, places
+from magmpm.scene.addresses import changed, check_apart, places
 from magmpm.studies.goals import Plain, evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import KINDS, Measure
@@ -219,6 +219,7 @@ def _combined(
                 remedy='write, say, ["2 mT", "4 mT"]',
             )
     at = {address: places(scene, address) for address in values}
+    check_apart(at.items(), "values")
     found: list[tuple[Plain, Scene | InputError]] = []
     for chosen in product(*values.values()):
         said = dict(zip(values, chosen, strict=True))
@@ -265,11 +266,9 @@ def _known(folder: Path | None) -> dict[str, Plain]:
         return {}
     found = {}
     for line in (folder / ROWS).read_text(encoding="utf-8").splitlines():
-        try:
+        with suppress(ValueError):
             row = json.loads(line)
-        except ValueError:
-            continue
-        found[row["key"]] = row["found"]
+            found[row["key"]] = row["found"]
     return found
 
 

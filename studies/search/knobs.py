@@ -14,7 +14,7 @@ from magmpm.errors import InputError, in_one_line
 from magmpm.inputs.quantities import divided
 from magmpm.inputs.vectors import Vector, angles_of, from_angles
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, changed, places, value_at, written
+from magmpm.scene.addresses import Place, changed, check_apart, places, value_at, written
 from magmpm.studies.problem.variables import FreeDirection, VaryNumber
 from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, Number
 
@@ -242,6 +242,8 @@ class Turning(Knob):
         Middle of the angle in the plane.
     turn : float, degrees
         By how much it may differ from that.
+    size : float, SI
+        Length of a vector that only turns.
     """
 
     across: Vector | None = None
@@ -251,6 +253,7 @@ class Turning(Knob):
     scale: float = 1.0
     middle: float = 0.0
     turn: float = 180.0
+    size: float = 1.0
 
     def _frame(self) -> tuple[np.ndarray, np.ndarray]:
         """Two unit vectors in the plane: the angle is from the first towards the second, right-handed about `across`."""
@@ -293,8 +296,8 @@ class Turning(Knob):
 
         bounds = [(self.middle - self.turn, self.middle + self.turn), (-90.0, 90.0)]
         found: dict[str, BaseDistribution] = {
-            name: FloatDistribution(low, high)
-            for name, (low, high) in zip(self._names(), bounds, strict=False)
+            name: FloatDistribution(*ends)
+            for name, ends in zip(self._names(), bounds, strict=False)
         }
         if self.longest is not None:
             found[self._length] = FloatDistribution(0.0, self.longest)
@@ -307,10 +310,8 @@ class Turning(Knob):
             return [Ball(self._length, azimuth, elevation, self.longest, 1.0 / self.longest)]
         if self.across is None:
             return [Direction(*names)]
-        ends = dict.fromkeys(names, (self.middle - self.turn, self.middle + self.turn))
-        if self.longest is not None:
-            ends[self._length] = (0.0, self.longest)
-        return [Number(name, *pair) for name, pair in ends.items()]
+        ranges: dict[str, Any] = self.distributions()
+        return [Number(name, each.low, each.high) for name, each in ranges.items()]
 
     def at(self, params: Values) -> dict[Place, Any]:
         angles = [math.radians(params[name]) for name in self._names()]
@@ -319,7 +320,7 @@ class Turning(Knob):
             d = (math.cos(angles[0]) * first + math.sin(angles[0]) * second).tolist()
         else:
             d = from_angles(*angles)
-        length = 1.0 if self.longest is None else float(params[self._length])
+        length = self.size if self.longest is None else float(params[self._length])
         share = 2.0 * math.pi / len(self.places)
         found: dict[Place, Any] = {}
         for k, place in enumerate(self.places):
@@ -378,19 +379,7 @@ def knobs(
     found = list(turned)
     for k, number in enumerate(numbers):
         found += _of_number(number, scene, f"vary.numbers[{k}]")
-    seen: dict[Place, str] = {}
-    for knob in found:
-        for place in knob.places:
-            for other, name in seen.items():
-                shared = min(len(place), len(other))
-                if place[:shared] == other[:shared]:  # the same, or a part of it
-                    raise InputError(
-                        "vary",
-                        received=written(place),
-                        rule=f"is varied twice, by {name} as well",
-                        remedy="leave one of them out",
-                    )
-            seen[place] = knob.name
+    check_apart([(knob.name, knob.places) for knob in found], "vary")
     return tuple(found)
 
 
@@ -431,7 +420,7 @@ def _turning(
             remedy="give `min` and `max`",
         )
     free = number.direction or FreeDirection()
-    knob = Turning(name, group, free.across, number.turned_about)
+    knob = Turning(name, group, free.across, number.turned_about, size=math.hypot(*now) or 1.0)
     if free.across is not None:  # the angle's seam is opposite to the scene's own direction
         angles = knob.angles(now) or [0.0]
         turn = 180.0 if free.at_most is None else math.degrees(free.at_most)
@@ -506,7 +495,7 @@ def _range(
         )
     scale = abs(float(largest)) / most[0]
     label = f"{name} ({unit})" if unit else name
-    return Bounded(label, group, low, high, unit, scale, number.log, whole)
+    return replace(knob, name=label, scale=scale)
 
 
 def _accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) -> Scene:

@@ -335,6 +335,29 @@ def test_a_search_begins_with_the_scene_and_goes_on(tmp_path: Path) -> None:
         searched(tmp_path, STUDY.replace("8 mT", "7 mT"))
 
 
+def test_a_search_killed_as_it_keeps_its_best_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The trial is told, and its run is not yet in best/: the next session puts it there."""
+
+    def killed(*_: object) -> None:
+        raise SystemExit
+
+    file = written(tmp_path, STUDY)
+    whole = magmpm.design(file, folder=tmp_path / "whole", trials=1, progress=False)
+    with monkeypatch.context() as patched:
+        patched.setattr("magmpm.studies.goals.search.shutil.move", killed)
+        with pytest.raises(SystemExit):
+            magmpm.design(file, folder=tmp_path / "killed", trials=1, progress=False)
+    found = magmpm.design(file, folder=tmp_path / "killed", trials=1, progress=False)
+    assert isinstance(found, GoalReport)
+    assert isinstance(whole, GoalReport)
+    assert found.best == whole.best
+    kept = [Result.load(tmp_path / name / "best").particle_position for name in ("whole", "killed")]
+    assert np.array_equal(*kept)
+    assert not (tmp_path / "killed" / "trial_0").exists()
+
+
 def test_a_target_with_a_constraint_in_two_processes(tmp_path: Path) -> None:
     """The tip comes within 0.2 mm of 1.5 mm, at less than 3.5 mT, which takes the stronger material; ties share one value."""
     study = """\
@@ -438,6 +461,20 @@ def test_a_vector_within_a_length_and_in_a_plane(tmp_path: Path) -> None:
     assert (space.low, space.high) == pytest.approx((30.0, 150.0))
     begun = knob.begun(load_goal(tmp_path / "study.yaml").scene)
     assert begun == pytest.approx({angle: 90.0, length: 4.0})
+
+
+def test_a_vector_that_turns_keeps_its_length(tmp_path: Path) -> None:
+    """A field of 5 mT stays one of 5 mT, in whatever direction; the search begins with the scene's own."""
+    study = STUDY.replace(
+        '{of: "field.uniform[2]", min: 1 mT, max: 8 mT}', "{of: field.uniform, direction: {}}"
+    )
+    scene = SCENE.replace("[0 mT, 0 mT, 4 mT]", "[3 mT, 0 mT, 4 mT]")
+    found = load_goal(written(tmp_path, study, scene))
+    own = made(found.scene, found.knobs, found.begun)
+    assert own.field.uniform == pytest.approx([3e-3, 0.0, 4e-3], abs=1e-15)
+    azimuth, elevation = found.begun
+    turned = made(found.scene, found.knobs, {azimuth: 90.0, elevation: 0.0})
+    assert turned.field.uniform == pytest.approx([0.0, 5e-3, 0.0], abs=1e-15)
 
 
 def test_directions_that_stand_around_an_axis(tmp_path: Path) -> None:
@@ -772,6 +809,29 @@ def test_a_motion_that_does_worse_than_others_is_ended(tmp_path: Path) -> None:
     assert found.best["values"][0] == pytest.approx(way, rel=0.01)
 
 
+def test_a_function_of_the_whole_motion_may_be_pruned(tmp_path: Path) -> None:
+    """Of a motion that still runs it raises: it says nothing yet, and the trial goes on."""
+    scene = moving_scene(
+        block((2e-3, 2e-3, 2e-3)),
+        {"gravity": {}},
+        shear=SOFT,
+        solver={"dynamic": {"duration": 0.002, "output_every": 2e-4}},
+    )
+    scene.save(tmp_path / "scene.yaml")
+    (tmp_path / "own.py").write_text(
+        "def low(motion):\n    return motion[10].position[:, 2].min()\n"
+    )
+    (tmp_path / "study.yaml").write_text(
+        "scene: scene.yaml\n"
+        "vary: {numbers: [{of: 'effects.gravity.acceleration[0]', min: 0 m/s^2, max: 2 m/s^2}]}\n"
+        "goal: {minimize: {python: own.py:low}}\nprune: true\nsampler: random\ntrials: 2\n"
+    )
+    found = magmpm.design(tmp_path / "study.yaml", folder=tmp_path / "out", progress=False)
+    assert isinstance(found, GoalReport)
+    assert found.failed == []
+    assert None not in found.values
+
+
 def test_commands_print_one_json_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from magmpm.cli.command import main
 
@@ -787,3 +847,7 @@ def test_commands_print_one_json_object(tmp_path: Path, capsys: pytest.CaptureFi
     assert [row["effects.gravity"] for row in rows] == [None, {}] * 2
     assert main(["sweep", str(tmp_path / "scene.yaml"), "--set", "field.uniform[2]"]) == 2
     assert "ADDRESS=V1,V2" in capsys.readouterr().err
+    assert main([*told, "field.uniform[2]=4 mT"]) == 2
+    assert "each of them once" in capsys.readouterr().err
+    assert main([*told[:4], "--measure", "{position: {of: tip}"]) == 2
+    assert "settings in brackets that close" in capsys.readouterr().err

@@ -254,6 +254,11 @@ def test_a_sweep_keeps_what_failed() -> None:
         ({"field.uniform[2]": []}, "tip", "must be a list of values"),
         ({"field.uniform[2]": ["1 mm"]}, "tip", "field.uniform[2] = 1 mm"),
         ({"field.uniform[2]": ["1 mT"]}, "height", "must be tip, or one of"),
+        (
+            {"field.uniform[2]": ["1 mT"], "field.uniform": [["0 mT", "0 mT", "5 mT"]]},
+            "tip",
+            "is varied twice, by field.uniform[2] as well",
+        ),
         ({"field.uniform[2]": ["1 mT"]}, {"position": {"of": "nose"}}, "must be one of body, tip"),
         ({"body.catheter.segments[5].magnetization": [[1, 0, 0]]}, "tip", "segments[*].magnet"),
     ],
