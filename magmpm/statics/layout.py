@@ -17,6 +17,7 @@ from magmpm.compiled.arrays import Array, Index, Mask
 from magmpm.errors import SceneError, dotted, lengths
 from magmpm.model import Driven, Model, build, reloaded
 from magmpm.scene import Scene
+from magmpm.scene.addresses import Place, put
 from magmpm.statics.block_cholesky import split_plane
 from magmpm.statics.bonds import Bonds, Springs, add_stiffness, bonds_of, held_by_faces
 from magmpm.statics.contact import RestingSurface, resting
@@ -233,8 +234,7 @@ def _along_axes(model: StaticModel) -> StaticModel:
     return replace(model, remanence=magnet)
 
 
-# By which scenes may differ that have the same cells, splines and unknowns, wherever they stand; and the last such scene and its model
-LOADS = {"name", "advice", "reference", "field", "magnetization", "remanence", "density"}
+# The last scene, without what loads alone depend on, and its model
 _last: tuple[Any, StaticModel] | None = None
 
 
@@ -244,20 +244,25 @@ def model_at_rest(scene: Scene) -> StaticModel:
     What touches is made anew: it remembers what it found. Raises InputError as `build` and `static_model` do.
     """
     global _last
-    form = _unloaded(scene.to_si())
+    form = _unloaded(scene)
     last = _last
     if last is not None and last[0] == form:
         return _along_axes(reloaded(last[1], scene))
+    last = _last = None  # two models need not fit into the memory at once
     made = static_model(build(scene))
     _last = (form, made) if made.touching is None and made.pairs is None else None
     return made
 
 
-def _unloaded(data: Any) -> Any:
-    """A scene's plain data without its loads."""
-    if isinstance(data, dict):
-        return {key: _unloaded(value) for key, value in data.items() if key not in LOADS}
-    return [_unloaded(value) for value in data] if isinstance(data, list) else data
+def _unloaded(scene: Scene) -> dict[str, Any]:
+    """A scene's plain data without what loads alone depend on, each where it stands: a material may have any name."""
+    data = scene.to_si()
+    loads: list[Place] = [("name",), ("advice",), ("reference",), ("field",)]
+    for name in scene.materials:
+        loads += [("materials", name, "remanence"), ("materials", name, "density")]
+    loads += [("body", *region.at, "magnetization") for region in scene.regions()]
+    put(data, dict.fromkeys(loads), scene)
+    return data
 
 
 def make_layout(

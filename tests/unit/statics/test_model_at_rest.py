@@ -79,6 +79,31 @@ def test_another_body_is_made_anew(change: dict[str, Any]) -> None:
     assert same(found, static_model(build(other)))
 
 
+@pytest.mark.parametrize("name", ["field", "name", "density", "magnetization"])
+def test_a_material_may_have_any_name(name: str) -> None:
+    """Also that of a load: its stiffness is not left out."""
+    data = coarse("scenes/five_segments").to_si()
+    (material,) = data["materials"].values()
+    data["body"]["catheter"]["material"] = name
+    for shear in (6e4, 24e4):
+        found = model_at_rest(
+            Scene.from_si({**data, "materials": {name: {**material, "shear_modulus": shear}}})
+        )
+        assert (found.shear == shear).all()
+
+
+def test_parts_that_change_names_are_made_anew() -> None:
+    """What is said of a part by its name is of another one then."""
+    scene = coarse("goals/scenes/tweezers")
+    first = model_at_rest(scene)
+    meshes = places(scene, "body.parts.meshes[*].name")[1:3]
+    swapped = dict(zip(meshes, [scene.regions()[k].name for k in (2, 1)], strict=True))
+    other = changed(scene, swapped)
+    found = model_at_rest(other)
+    assert found.layout is not first.layout
+    assert same(found, static_model(build(other)))
+
+
 def test_a_field_that_is_not_known_at_the_body_is_refused_as_ever() -> None:
     """Also where the model before had one that was."""
     scene = load_scene(DATA / "scenes/pulled_by_magnet.yaml").with_cells(2)
