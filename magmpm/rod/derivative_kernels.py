@@ -28,6 +28,7 @@ from magmpm.rod.kernels import (
     relative,
     relax,
     solve,
+    work_space,
 )
 
 
@@ -215,11 +216,7 @@ def _add_column(spans, moment, parameters, column, slopes):
 def _slopes(q, rod, parameters, frames, slopes):
     """All columns: slopes (columns, 2, n + 1, 3), of the rotations (rad, own axes) and of the positions. False: no minimum."""
     n = len(rod.length)
-    g = np.empty((n + 1, 3))
-    Hd = np.empty((n + 1, 3, 3))
-    Ho = np.empty((n, 3, 3))
-    Ld = np.empty((n + 1, 3, 3))
-    Lo = np.empty((n, 3, 3))
+    g, Hd, Ho, Ld, Lo = work_space(n)
     derivatives(q, rod, g, Hd, Ho)
     if not factor(Hd, Ho, 0.0, Ld, Lo):
         return False
@@ -273,11 +270,7 @@ def softest(q, rod):
     By iterating x = H^-1 M x: turning about its own tangent has no mass, so H x = (eigenvalue) M x is taken the other way around.
     """
     n = len(rod.length)
-    g = np.empty((n + 1, 3))
-    Hd = np.empty((n + 1, 3, 3))
-    Ho = np.empty((n, 3, 3))
-    Ld = np.empty((n + 1, 3, 3))
-    Lo = np.empty((n, 3, 3))
+    g, Hd, Ho, Ld, Lo = work_space(n)
     frames = np.empty((n + 1, 3, 3))
     x = np.empty((n + 1, 3))
     Mx = np.empty((n + 1, 3))

@@ -358,6 +358,18 @@ def _softest(Ld, Lo, d):
         _scaled(d, 1.0 / np.sqrt(_dot(d, d)), d)
 
 
+@inner
+def work_space(n):
+    """Arrays for the gradient g, the Hessian Hd and Ho, and its factors Ld and Lo, of n elements."""
+    return (
+        np.empty((n + 1, 3)),
+        np.empty((n + 1, 3, 3)),
+        np.empty((n, 3, 3)),
+        np.empty((n + 1, 3, 3)),
+        np.empty((n, 3, 3)),
+    )
+
+
 @compiled_elsewhere
 def relax(q, rod):
     """Newton's method for a minimum of the energy, from q (changed in place).
@@ -365,11 +377,7 @@ def relax(q, rod):
     Returns status (0 found, 1 not within MAX_STEPS), steps, energy, stable (the Hessian is positive definite there).
     """
     n = len(rod.length)
-    g = np.empty((n + 1, 3))
-    Hd = np.empty((n + 1, 3, 3))
-    Ho = np.empty((n, 3, 3))
-    Ld = np.empty((n + 1, 3, 3))
-    Lo = np.empty((n, 3, 3))
+    g, Hd, Ho, Ld, Lo = work_space(n)
     d = np.empty((n + 1, 3))
     turn = np.empty((n + 1, 3))
     trial = np.empty((n + 1, 4))
