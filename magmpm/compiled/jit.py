@@ -8,6 +8,8 @@
   parallel function itself assigns to a field of a record, Numba treats this as dead code and leaves it out.
 * Numba's symbols count functions and records. Two processes count alike what differs, and the linker takes the first of two for both. So
   records count by a hash of their fields here, and functions that are made from a text have names of their own, with their module's.
+* Loops that the compiler would run in two ways, in lanes where it finds at run time that arrays lie apart, are not taken in lanes: the two
+  round differently, and which one runs depends on where arrays happen to lie in memory. Lanes are written out (magmpm.compiled.simd).
 * Division by zero gives inf, as in NumPy, and checks on the result catch it. Inside a parallel loop an exception would be lost.
 """
 
@@ -16,6 +18,7 @@ from hashlib import sha256
 from inspect import signature
 from typing import Any
 
+import llvmlite.binding
 import numba
 from numba import prange, types
 from numba.extending import overload
@@ -24,6 +27,7 @@ import magmpm.compiled.fork  # noqa: F401  (what becomes of kernels in a fork)
 from magmpm.compiled.cache import jit
 from magmpm.errors import InputError
 
+llvmlite.binding.set_option("magmpm", "-vectorize-memory-check-threshold=0")
 _settings: Any = numba.config
 _record: Any = types.Record
 _record.mangling_args = property(lambda one: ("Record", (sha256(one.name.encode()).hexdigest(),)))
