@@ -382,17 +382,17 @@ class StepControl:
         ):  # calm: steps grow again
             self._halvings -= 1
             self._choose()
-        if self._drift is not None and now is not None and trouble is None:
+        now = now or motion.kinematics()
+        if self._drift is not None and taken and trouble is None:
             finer = self._drift.finer
             total = sum(measure(motion, named, now, time + taken * dt).energies.values())
             if not self._drift.passes(total, now.kinetic):
                 taken = 0
-                now = None
                 motion.rewind(kept)
+                now = motion.kinematics()
                 self.why = "where the body touches something longer steps would change its energy"
             if self._drift.finer != finer:
                 self._choose()
-        now = now or motion.kinematics()
         self._before = now
         return taken, now, trouble
 

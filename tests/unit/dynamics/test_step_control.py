@@ -11,6 +11,7 @@ from reference.stopped import interrupted
 
 from magmpm import materials
 from magmpm.dynamics import step_control, watchdog
+from magmpm.dynamics.energies import measure
 from magmpm.dynamics.step_control import StepControl, stiffness
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval
 from magmpm.dynamics.total_lagrangian import TotalMotion
@@ -102,6 +103,23 @@ def test_a_body_let_go_from_a_large_strain_takes_short_steps_and_long_ones_again
         interval(moved, moved.time + (300 + k) * first)
         moved.control.at_frame()
     assert moved.control.step == first
+
+
+def test_energies_are_looked_at_where_steps_were_too_long_as_well() -> None:
+    """A chunk that ends at a step that was too long: what its other steps did counts. Unseen, it was held against all that came later."""
+    moved = crushed(to=0.5)
+    moved.control._drift = drift = step_control.Drift(loses=False)
+    cut = 0
+    while cut < 3:
+        steps = 256
+        dt = moved.control.step
+        taken, now, trouble = moved.control.take((), steps, dt, moved.time)
+        moved.time += taken * dt
+        assert trouble is None
+        if 0 < taken < steps:
+            cut += 1
+            total = sum(measure(moved.motion, (), now, moved.time).energies.values())
+            assert drift.last == pytest.approx(total, rel=1e-12)
 
 
 def test_a_stiffer_body_takes_shorter_steps_before_they_are_too_long() -> None:
