@@ -1,7 +1,8 @@
 """Globalized Newton's method for a minimum of the energy.
 
-* An energy line search (Armijo), so every step lowers the energy. Where a straight step does not, the same step along an arc is tried
-  (statics.arcs) before a shorter one.
+* Steps along arcs (statics.arcs), on which what turns is not stretched: so the next tangent is nearer to the minimum's. Where an arc wins
+  less than half of what a quadratic would, the straight step is compared with it.
+* An energy line search (Armijo), so every step lowers the energy.
 * A tangent that is not positive definite is shifted until it is. The first shift is 1e-5 of its largest diagonal entry. Bending is
   about 1e-6 as stiff as the stiffest mode, so this shift freezes bending while the stiff modes settle. A positive definite tangent
   is never shifted: even 1e-7 would stall the soft modes for dozens of steps.
@@ -360,7 +361,7 @@ def _farther(energy: Energy, point: Point, direction: Array, reached: Point) -> 
 def _search(
     energy: Energy, point: Point, direction: Array, decrement: float, scale: float
 ) -> Point:
-    """Backtrack along a direction, straight or along an arc, until the energy satisfies the Armijo condition."""
+    """Backtrack along a direction, on an arc or straight, until the energy satisfies the Armijo condition."""
     # times the decrement: what a step wins whose end is far from the minimum along its way (of a
     # quadratic the step wins as much as the decrement, and twice as much if the energy falls evenly)
     beyond = 1.5
@@ -368,13 +369,12 @@ def _search(
     noise = max(ENERGY_ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
     while True:
         enough = point.energy - 2e-4 * fraction * decrement + noise
-        trial = energy.at(point.grid + fraction * direction)
+        trial = energy.at(energy.arc(point, direction, fraction))
         won = point.energy - trial.energy if trial.min_det_F > 0 else -np.inf
-        if (
-            won < 0.5 * fraction * decrement
-        ):  # half of what it wins in a quadratic: sections that turn far stretch the body
-            arc = energy.at(energy.arc(point, direction, fraction))
-            trial = arc if arc.min_det_F > 0 and not arc.energy >= trial.energy else trial
+        if won < 0.5 * fraction * decrement:  # half of what it wins in a quadratic
+            straight = energy.at(point.grid + fraction * direction)
+            if straight.min_det_F > 0 and not straight.energy >= trial.energy:
+                trial = straight
         if trial.min_det_F > 0 and trial.energy <= enough:
             if fraction == 1.0 and point.energy - trial.energy > beyond * decrement:
                 return _farther(energy, point, direction, trial)
