@@ -160,7 +160,7 @@ class InputError(MagmpmError):
 
 
 def in_one_line(error: BaseException) -> str:
-    """Say what went wrong, and the rule that was broken, without the remedy.
+    """Say what went wrong, and the rule that was broken, without the remedy; of several problems the first.
 
     Parameters
     ----------
@@ -172,7 +172,8 @@ def in_one_line(error: BaseException) -> str:
     str
         The line.
     """
-    told = str(error).removeprefix("input: ").replace("\n  rule: ", "; ")
+    told = re.sub(r"^\d+ problems in .*\n", "", str(error))
+    told = told.removeprefix("input: ").replace("\n  rule: ", "; ")
     return told.partition("\n")[0] or type(error).__name__
 
 

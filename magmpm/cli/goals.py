@@ -156,6 +156,7 @@ def sweep(options: argparse.Namespace) -> int:
                 workers=options.workers,
                 folder=options.out,
                 on_row=lambda row: progress.note(_words(row)),
+                units=True,
             )
     except KeyboardInterrupt:
         kept = "its rows are lost: --out DIR would have kept them"

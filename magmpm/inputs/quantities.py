@@ -98,6 +98,8 @@ KINDS = {
         Kind("force", "N", "20 mN", _powers("N", none=0, m=-3, u=-6, µ=-6)),
         Kind("percentage", "times 1", "5 %", _each(Fraction(1, 100), "%", "percent")),
         Kind("magnetic moment", "A*m^2", "0.5 A*m^2", _MOMENT),
+        Kind("volume", "m^3", "20 mm^3", _powers("m^3", none=0, c=-6, m=-9)),
+        Kind("field energy", "T^2 s", "40 mT^2 s", _powers("T^2 s", none=0, m=-6)),
     )
 }
 

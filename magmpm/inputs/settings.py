@@ -121,6 +121,11 @@ def from_file(info: ValidationInfo) -> bool:
     return bool(info.context and info.context.get("file"))
 
 
+def _with_units(info: ValidationInfo | SerializationInfo) -> bool:
+    """True if quantities are text with a unit, as files have them."""
+    return bool(info.context and info.context.get("units"))
+
+
 def named_file(info: ValidationInfo, name: str | Path) -> Path:
     """The file that a path in the validated data names. Raises PydanticCustomError (see `fault`) for one that it may not name."""
     file = info.context.get("file") if info.context else None
@@ -154,7 +159,7 @@ class Quantity:
             raise fault(f"{a(kind.name)} is expected here", write)
         elif not abs(value) <= 1e300:  # compares integers of any size too, and refuses nan
             raise fault(f"{a(kind.name)} must be a finite number", write)
-        elif from_file(info):
+        elif _with_units(info):
             raise fault(f"{a(kind.name)} needs a unit", write)
         else:
             si = float(value)
@@ -163,7 +168,7 @@ class Quantity:
 
     def write(self, si: float, info: SerializationInfo) -> float | str:
         """The value as plain data hold it: in SI, or with the context `units` as files have it, text that reads as the same float."""
-        return as_text(si, KINDS[self.kind]) if info.context and info.context.get("units") else si
+        return as_text(si, KINDS[self.kind]) if _with_units(info) else si
 
     def _check_bounds(self, si: float) -> None:
         kind = KINDS[self.kind]
@@ -206,11 +211,17 @@ Duration = Annotated[float, Quantity("time", above="0 s", at_most="1e6 s")]
 Bytes = Annotated[float, Quantity("size", above="0 B", at_most="1e15 B")]
 
 
-def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = None) -> M:
+def validate(
+    model: type[M],
+    data: Mapping[str, Any],
+    path: Path | str | None = None,
+    *,
+    units: bool = False,
+) -> M:
     """`data` as the model, or one InputError that lists everything wrong with it.
 
-    data: what `read_yaml` returned (values have units, messages have line numbers), or any mapping, which is in SI where `path` is None.
-    Raises InputError.
+    data: what `read_yaml` returned (values have units, messages have line numbers), or any mapping, whose plain numbers are SI where `path`
+    is None and `units` is False. Raises InputError.
     """
     if path is None and isinstance(data, Document):
         path = data.path
@@ -219,7 +230,8 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
     left = 0
     empty = {problem.at for problem in problems}
     try:
-        result = model.model_validate(dict(data), context={"file": file})
+        context = {"file": file, "units": units or file is not None}
+        result = model.model_validate(dict(data), context=context)
         if not problems:
             return result
     except ValidationError as error:

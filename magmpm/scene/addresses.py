@@ -12,6 +12,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from magmpm.errors import InputError
+from magmpm.inputs.settings import validate
 from magmpm.scene.scene import Scene
 
 Place = tuple[str | int, ...]
@@ -136,22 +137,23 @@ def value_at(scene: Scene, place: Place, *, units: bool = False) -> Any:
     object
         The value.
     """
-    context = {"units": True} if units else None
-    found: Any = scene.model_dump(mode="json", context=context)
+    found: Any = scene.model_dump(mode="json", context={"units": units})
     for part in place:
         found = found[part]
     return found
 
 
-def changed(scene: Scene, values: Mapping[Place, Any]) -> Scene:
+def changed(scene: Scene, values: Mapping[Place, Any], *, units: bool = False) -> Scene:
     """Put other values into a scene.
 
     Parameters
     ----------
     scene : Scene
         The scene.
-    values : mapping of place to value, SI
-        The values.
+    values : mapping of place to value
+        The values: text with units, or numbers in SI.
+    units : bool, default False
+        Whether quantities must have units, as in files.
 
     Returns
     -------
@@ -165,9 +167,10 @@ def changed(scene: Scene, values: Mapping[Place, Any]) -> Scene:
     """
     if not values:
         return scene
-    data = {**scene.to_si(), "reference": None}  # it is that of another scene
+    data = scene.model_dump(mode="json", context={"units": units})
+    data["reference"] = None  # it is that of another scene
     put(data, values, scene)
-    return Scene.from_si(data)
+    return validate(Scene, data, units=units)
 
 
 def put(data: dict[str, Any], values: Mapping[Place, Any], scene: Scene) -> None:

@@ -420,8 +420,9 @@ class LargestField(OneMeasure):
 
 
 class FieldEnergy(OneMeasure):
-    """Integral of B^2 over time, where it is strongest at the body, T^2 s; of an equilibrium B^2, T^2."""
+    """Integral of B^2 over time, where it is strongest at the body, T^2 s; of an equilibrium over one second."""
 
+    kind: ClassVar[str | None] = "field energy"
     unit: ClassVar[str] = "T^2 s"
 
     def before(self, scene: Scene) -> bool:
@@ -435,6 +436,7 @@ class FieldEnergy(OneMeasure):
 class MagnetizedVolume(OneMeasure):
     """Volume of what is magnetized, m^3."""
 
+    kind: ClassVar[str | None] = "volume"
     unit: ClassVar[str] = "m^3"
 
     def before(self, scene: Scene) -> bool:

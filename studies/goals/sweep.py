@@ -25,6 +25,7 @@ from magmpm.studies.goals import Plain, evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import KINDS, Measure
 from magmpm.studies.goals.own_function import called, function_of, source_of
+from magmpm.studies.search.knobs import accepted
 
 ROWS = "rows.jsonl"
 TIP = "tip"
@@ -65,6 +66,7 @@ def sweep(
     workers: int | None = None,
     folder: Path | str | None = None,
     on_row: Callable[[Plain], None] | None = None,
+    units: bool = False,
 ) -> SweepTable:
     """Run a scene for every combination of values of its numbers, and measure each answer.
 
@@ -88,6 +90,8 @@ def sweep(
         Where rows are kept, and found again. None: nowhere.
     on_row : callable, optional
         Called with each new row.
+    units : bool, default False
+        Whether values must have units where those in a scene's file have, as on the command line.
 
     Returns
     -------
@@ -116,7 +120,7 @@ def sweep(
     for name, of in measures.items():
         if of.get("python"):
             function_of(of["python"], beside, f"measure.{name}")
-    combined = _combined(whole, values, measures)
+    combined = _combined(whole, values, measures, units)
     keep = None if folder is None else Path(folder)
     with ExitStack() as stack:
         if keep is not None:
@@ -205,7 +209,7 @@ def _measures(
 
 
 def _combined(
-    scene: Scene, values: Mapping[str, Any], measures: Mapping[str, Any]
+    scene: Scene, values: Mapping[str, Any], measures: Mapping[str, Any], units: bool
 ) -> list[tuple[Plain, Scene | InputError]]:
     """Every combination: what is set, and the scene, or why there is none that can be measured. Raises InputError where there is none."""
     values = {address: getattr(of, "tolist", lambda of=of: of)() for address, of in values.items()}
@@ -228,9 +232,12 @@ def _combined(
             made = changed(scene, settings)
             for name, check in checks.items():
                 check(made, name)
-            found.append((said, made))
         except InputError as error:
             found.append((said, error))
+            continue
+        if units:
+            accepted(scene, settings, ", ".join(said), chosen[0] if len(chosen) == 1 else chosen)
+        found.append((said, made))
     said, first = found[0]
     if isinstance(first, InputError) and all(isinstance(of, InputError) for _, of in found):
         words = ", ".join(f"{address} = {value}" for address, value in said.items())

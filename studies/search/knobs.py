@@ -399,7 +399,7 @@ def _of_number(number: VaryNumber, scene: Scene, at: str) -> list[Knob]:
             out.append(_turning(number, scene, name, group, at))
         elif number.choices is not None:
             for value in number.choices:
-                _accepted(scene, dict.fromkeys(group, value), f"{at}.choices", value)
+                accepted(scene, dict.fromkeys(group, value), f"{at}.choices", value)
             out.append(Choice(name, group, number.choices))
         else:
             out.append(_range(number, scene, name, group, at))
@@ -438,8 +438,8 @@ def _turning(
     most = f"{longest!r} {unit}" if unit else longest
     zero = f"0 {unit}" if unit else 0.0
     along_x = {place: [most, zero, zero] for place in group}
-    accepted = _accepted(scene, along_x, f"{at}.within", number.within)
-    scale = float(value_at(accepted, group[0])[0]) / longest
+    longest_of = accepted(scene, along_x, f"{at}.within", number.within)
+    scale = float(value_at(longest_of, group[0])[0]) / longest
     return replace(knob, longest=longest, unit=unit, scale=scale)
 
 
@@ -480,12 +480,12 @@ def _range(
         value_at(scene, group[0]), int
     )
     knob = Bounded(name, group, low, high, unit, 1.0, number.log, whole)
-    accepted = [
-        _accepted(scene, knob.at({name: end}), f"{at}.{key}", getattr(number, key))
+    ends_of = [
+        accepted(scene, knob.at({name: end}), f"{at}.{key}", getattr(number, key))
         for key, end in (("min", low), ("max", high))
     ]
     most = max((abs(low), 0), (abs(high), 1))  # the larger end tells the unit best
-    largest = value_at(accepted[most[1]], group[0])
+    largest = value_at(ends_of[most[1]], group[0])
     if not isinstance(largest, (int, float)):
         raise InputError(
             f"{at}.of",
@@ -498,16 +498,38 @@ def _range(
     return replace(knob, name=label, scale=scale)
 
 
-def _accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) -> Scene:
-    """The scene with these values. Raises InputError that names the study's key where the scene refuses them."""
+def accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) -> Scene:
+    """Put values of a file into a scene, where quantities have units.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    values : Mapping[Place, Any]
+        By place.
+    at : str
+        The key that gives them, for messages.
+    given : object
+        What stands there.
+
+    Returns
+    -------
+    Scene
+        The scene with the values.
+
+    Raises
+    ------
+    InputError
+        Where the scene refuses them.
+    """
     try:
-        return changed(scene, values)
+        return changed(scene, values, units=True)
     except InputError as error:
         raise InputError(
             at,
             received=repr(given),
             rule=f"the scene refuses it: {in_one_line(error)}",
-            remedy="choose values that the scene allows",
+            remedy=str(error).partition("remedy: ")[2].partition("\n")[0],
         ) from None
 
 

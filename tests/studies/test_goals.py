@@ -510,7 +510,7 @@ subject_to:
   - {turn: {of: tip, about: [0, -1, 0]}, at_least: -90 deg}
   - {contact_force: {with: ground}, at_most: 1 N}
   - {shape: {centreline: arc.csv}, at_most: 10 mm}
-  - {field_energy: {}, at_most: 1}
+  - {field_energy: {}, at_most: 1 T^2 s}
 trials: 5
 """
 
@@ -525,7 +525,7 @@ def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
     ground = "ground: {point: [0 mm, 0 mm, 2.6 mm], normal: [0.1, 0.2, -1]}"
     scene = scene.replace("magnetic_torque: {}", f"magnetic_torque: {{}}, {ground}")
     study = SMOOTH.replace("magnetization: {}", "magnetization: {only: [segment 1]}")
-    study = study.replace("at_most: 1}", "at_most: 1}\nsampler: slsqp")
+    study = study.replace("at_most: 1 T^2 s}", "at_most: 1 T^2 s}\nsampler: slsqp")
     scene = scene.replace("static: {}", "static: {tolerance: 1.0e-14, max_steps: 200}")
     found = load_goal(written(tmp_path, study, scene))
     params: dict[str, float] = {}
@@ -775,7 +775,17 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
             "subject_to: [{contact_force: {with: walls}, at_most: 3 mN}]",
             "subject_to[0].with: received 'walls'",
         ),
-        ("trials: 6", "subject_to: [{largest_field: {}, at_most: 3}]", "at_most"),
+        ("trials: 6", "subject_to: [{largest_field: {}, at_most: 3}]", "needs a unit"),
+        ("trials: 6", "subject_to: [{field_energy: {}, at_most: 3}]", "needs a unit"),
+        ("trials: 6", "subject_to: [{magnetized_volume: {}, at_most: 3}]", "needs a unit"),
+        ("min: 1 mT, max: 8 mT", "min: 1, max: 8", "a flux density needs a unit"),
+        ("min: 1 mT, max: 8 mT", "choices: [1 mT, 2]", "a flux density needs a unit"),
+        ('"field.uniform[2]", min: 1 mT, max: 8 mT', "field.uniform, within: 8", "needs a unit"),
+        (
+            '"field.uniform[2]", min: 1 mT, max: 8 mT',
+            "effects.gravity, choices: [{}, {acceleration: [0, 0, -9]}]",
+            'such as "9.81 m/s^2"',
+        ),
         ("{displacement: {of: tip, along: [0, 0, 1]}}", "{python: own.py:reach}", "no file"),
     ],
 )
@@ -849,5 +859,7 @@ def test_commands_print_one_json_object(tmp_path: Path, capsys: pytest.CaptureFi
     assert "ADDRESS=V1,V2" in capsys.readouterr().err
     assert main([*told, "field.uniform[2]=4 mT"]) == 2
     assert "each of them once" in capsys.readouterr().err
+    assert main([*told[:3], "field.uniform[2]=1 mT,2", "--json"]) == 2
+    assert "field.uniform[2]: received 2; a flux density needs a unit" in capsys.readouterr().err
     assert main([*told[:4], "--measure", "{position: {of: tip}"]) == 2
     assert "settings in brackets that close" in capsys.readouterr().err

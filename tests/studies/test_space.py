@@ -170,6 +170,7 @@ def test_what_has_no_derivative_by_address_goes_by_tpe(tmp_path: Path) -> None:
             "write `diameter: {min: ..., max: ...}`",
         ),
         ("{of: materials.magnetic.remanence, min: 1 mm, max: 2 mm}", "the scene refuses it"),
+        ("{of: materials.magnetic.remanence, min: 1, max: 2}", "a flux density needs a unit"),
     ],
 )
 def test_wrong_numbers_of_shapes_are_refused(number: str, told: str, tmp_path: Path) -> None:
