@@ -24,7 +24,8 @@ from magmpm.scene import Scene
 from magmpm.studies.engine.report import best_trial
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_designs import rod_designs
-from magmpm.studies.search.parameters import Block, FieldVector, SegmentDirection, VariedNumber
+from magmpm.studies.search.parameters import FieldVector, SegmentDirection, VariedNumber
+from magmpm.studies.search.samplers.blocks import Block
 from magmpm.studies.search.samplers.gauss_newton import (
     LEAST_GAIN,
     RADIUS,

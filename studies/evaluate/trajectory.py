@@ -615,6 +615,7 @@ class InsertionTrajectory(Trajectory):
             and space.field_max is not None
             and space.fields == depths > 1
             and len(space.blocks) == space.count
+            and not space.order
         )
 
     def directions_alone(self) -> SearchSpace:

@@ -264,7 +264,7 @@ def rod_starts(
         Best first.
     """
     middle = space.nearest(np.full(space.size, 0.5))
-    order = space.choices[0].choices[0] if space.choices else None
+    order = space.choices["order"][0] if space.choices else None
     scene = space.scene_at(middle, order)
     if by_bound and space.field_max is not None:
         found = rod_designs_by_bound(scene, target, space.segments, space.field_max, seed=seed)
@@ -319,8 +319,8 @@ class RodForetells:
             None where the rod can't: other numbers vary than directions and one field,
             directions are of a set, or there is no rod.
         """
-        blocks = len(space.segments) + 1
-        if space.field_max is None or len(space.blocks) != blocks or space.limits is not None:
+        others = len(space.blocks) != len(space.segments) + 1 or space.order
+        if space.field_max is None or others or space.limits is not None:
             return None
         try:
             return cls(space, DescendingRods(space.scene, target, space.segments, space.field_max))

@@ -11,16 +11,13 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.scene.addresses import Place, written
-from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, Number
-
-if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
+from magmpm.studies.search.samplers.blocks import Ball, Direction, Number
 
 Parameters = Mapping[str, Any]
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -174,47 +171,6 @@ class VariedNumber(Number):
         """
         low, high = self.ends
         return self.value(x) * math.log(high / low) if self.log else high - low
-
-
-@dataclass(frozen=True)
-class SegmentOrder(Block):
-    """One of several orders of magnetized (M) and plain (P) segments, base to tip. It has no coordinates.
-
-    Attributes
-    ----------
-    name : str
-        Of the parameter.
-    choices : tuple of str
-        The orders, each as text like "MMP".
-    """
-
-    name: str
-    choices: tuple[str, ...]
-    size = 0
-    freedom = 0
-
-    def bounds(self) -> dict[str, tuple[float, float]]:
-        return {}
-
-    def distributions(self) -> dict[str, BaseDistribution]:
-        from optuna.distributions import CategoricalDistribution
-
-        return {self.name: CategoricalDistribution(self.choices)}
-
-    def read(self, params: Parameters) -> Array:
-        return np.zeros(0)
-
-    def write(self, x: Array) -> dict[str, float]:
-        return {}
-
-    def nearest(self, x: Array) -> Array:
-        return x
-
-    def drawn(self, rng: np.random.Generator) -> Array:
-        return np.zeros(0)
-
-    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
-        return np.zeros((0, 0)), np.zeros(0), np.zeros(0)
 
 
 @dataclass(frozen=True)

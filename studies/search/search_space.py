@@ -27,14 +27,13 @@ from magmpm.scene.addresses import Place, put, say
 from magmpm.scene.variables import of_lengths
 from magmpm.studies.search.parameters import (
     FIELD,
-    Block,
     FieldVector,
     Makeable,
     Parameters,
     SegmentDirection,
-    SegmentOrder,
     VariedNumber,
 )
+from magmpm.studies.search.samplers.blocks import Block
 from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 from magmpm.studies.search.scene_edits import (
     arrangement,
@@ -141,10 +140,7 @@ class SearchSpace:
                 FieldVector(*names, 1e3 * self.field_max, 1e-3, k)
                 for k, names in enumerate(self._field_names())
             ]
-        found += self.numbers_within
-        if self.order:
-            found.append(SegmentOrder("order", orders(self.scene)))
-        return tuple(found)
+        return (*found, *self.numbers_within)
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -191,9 +187,9 @@ class SearchSpace:
         return self.coordinates.bounds()
 
     @property
-    def choices(self) -> tuple[SegmentOrder, ...]:
-        """The parameters that are choices rather than numbers."""
-        return tuple(block for block, _ in self.those(SegmentOrder))
+    def choices(self) -> dict[str, tuple[str, ...]]:
+        """Values of the parameters that are choices: orders of magnetized (M) and plain (P) segments, base to tip."""
+        return {"order": orders(self.scene)} if self.order else {}
 
     def segment_names(self) -> list[str]:
         """Name the segments whose directions vary.
@@ -221,7 +217,10 @@ class SearchSpace:
         dict[str, BaseDistribution]
             Distributions by name.
         """
-        return self.coordinates.distributions()
+        from optuna.distributions import CategoricalDistribution
+
+        chosen = {name: CategoricalDistribution(known) for name, known in self.choices.items()}
+        return self.coordinates.distributions() | chosen
 
     # parameters <-> embedded coordinates
 
@@ -256,7 +255,7 @@ class SearchSpace:
             The design.
         """
         own = order or orders(self.scene, own=True)[0] if self.choices else None
-        return self.coordinates.write(self.nearest(x)) | {one.name: own for one in self.choices}
+        return self.coordinates.write(self.nearest(x)) | dict.fromkeys(self.choices, own)
 
     def nearest(self, x: Array) -> Array:
         """Find the embedded coordinates of the nearest design, block by block.

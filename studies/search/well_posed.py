@@ -15,12 +15,11 @@ from magmpm.errors import InputError, SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.parameters import (
-    Block,
     FieldVector,
     SegmentDirection,
-    SegmentOrder,
     across,
 )
+from magmpm.studies.search.samplers.blocks import Block
 from magmpm.studies.search.search_space import SearchSpace
 
 # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of
@@ -193,7 +192,7 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
     # of a whole step: forward differences, whose singular values agree with those of other steps to
     # 1e-6 mm
     difference_step = 1e-6
-    if all(isinstance(block, SegmentOrder) for block in space.blocks):
+    if not space.blocks:
         return np.empty((0, 0))
     here = [shape.at(x) for shape in shapes]
     columns = []

@@ -308,19 +308,17 @@ def make_sampler(
         if name == "gauss-newton" and front:
             from magmpm.studies.search.samplers.bounded_front import BoundedFront
 
-            blocks = [block for block in space.blocks if block.size]
             length = space.scene.length
             near = goal or ALIKE_ON_FRONT * length
             poor = POOR * length
             return BoundedFront(
-                blocks, seed, starts=starts, near=near, poor=poor, far=length, model=model
+                space.blocks, seed, starts=starts, near=near, poor=poor, far=length, model=model
             )
         if name == "gauss-newton":
             from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 
-            blocks = [block for block in space.blocks if block.size]
             return GaussNewtonSampler(
-                blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length
+                space.blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length
             )
         if name == "tpe":
             from magmpm.studies.search.samplers.tpe import DirectionTPE

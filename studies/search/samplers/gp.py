@@ -449,7 +449,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
             return None
         solved = [t for t in trials if "residuals" in t.user_attrs]
         if not solved or len(trials) % 2 == 0:
-            return str(self._rng.choice(self._space.choices[0].choices))
+            return str(self._rng.choice(self._space.choices["order"]))
         return str(min(solved, key=lambda t: (_square(t), t.number)).params["order"])
 
 

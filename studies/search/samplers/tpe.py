@@ -152,12 +152,12 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         Any has the weight PRIOR_OF_CHOICES next to the good trials' weight of 1 each; `ordered`: the trials, best first. A choice has no
         neighbors, so there is nothing to learn from trials of another.
         """
-        for choice in self._space.choices:
+        for name, values in self._space.choices.items():
             good = max(math.ceil(len(ordered) / 4), 1) if len(ordered) >= len(TETRAHEDRON) else 0
-            known = [trial.params[choice.name] for trial in ordered[:good]]
+            known = [trial.params[name] for trial in ordered[:good]]
             if self._rng.random() < PRIOR_OF_CHOICES / (PRIOR_OF_CHOICES + good):
-                known = list(choice.choices)
-            parameters[choice.name] = known[int(self._rng.integers(len(known)))]
+                known = list(values)
+            parameters[name] = known[int(self._rng.integers(len(known)))]
         return parameters
 
     def sample_independent(
