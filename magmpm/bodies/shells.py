@@ -64,15 +64,23 @@ def _solid(vertices: Array, faces: Index) -> Manifold:
     return solid
 
 
+def sides_of(faces: Index) -> tuple[Index, Index, Index, Index, Index]:
+    """The sides (3 f, 2) of faces (f, 3), first those from corner 0 to 1; the lower vertex of each; and of the edges, in ascending order of
+    their vertices, the first side, the edge of each side, and the number of sides.
+    """
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    low = sides.min(1)
+    both = low * (faces.max(initial=0) + 1) + sides.max(1)
+    _, first, of, used = np.unique(both, return_index=True, return_inverse=True, return_counts=True)
+    return sides, low, first, of, used
+
+
 def _taken_apart(vertices: Array, faces: Index) -> tuple[Array, Index, Index]:
     """The same surface with every edge in two triangles, and the overlaps of `shells_of`.
 
     Where more meet at an edge, each pair of them after the first gets an edge of its own: by way of a vertex of its own in the middle.
     """
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    low = edges.min(1)
-    high = edges.max(1)
-    _, of, used = np.unique(low * len(vertices) + high, return_inverse=True, return_counts=True)
+    edges, low, _, of, used = sides_of(faces)
     order = np.argsort(of, kind="stable")
     first = np.concatenate([[0], np.cumsum(used)])
     middles: dict[int, dict[int, int]] = {}  # of a face: vertex in the middle of its side

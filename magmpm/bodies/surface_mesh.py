@@ -29,6 +29,7 @@ from magmpm.bodies.shells import (
     overlapping_boxes,
     place,
     shell_fault,
+    sides_of,
     solid_of,
     solids_of,
 )
@@ -173,11 +174,7 @@ def checked(vertices: Array, faces: Index) -> Mesh:
     crossed = 0.01
     if (found := doubled(vertices, faces)) is not None:
         raise MeshError(*found)
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    low = edges.min(1)
-    high = edges.max(1)
-    _, first, of = np.unique(low * len(vertices) + high, return_index=True, return_inverse=True)
-    used = np.bincount(of)
+    edges, low, first, of, used = sides_of(faces)
     balance = np.bincount(of, np.where(edges[:, 0] == low, 1.0, -1.0))
     odd_edges = np.flatnonzero((used > 2) & (used % 2 == 1))
     if len(odd_edges):
