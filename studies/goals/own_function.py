@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import sys
 import traceback
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,8 +35,9 @@ def function_of(text: str, folder: Path, at: str) -> Callable[[Any], Any]:
     module.__file__ = str(path)
     try:
         # from its text: kept bytecode may be that of an edit within the same second
-        exec(compile(path.read_bytes(), path, "exec"), vars(module))
-    except Exception as error:
+        with redirect_stdout(sys.stderr):  # the program's own has its answers
+            exec(compile(path.read_bytes(), path, "exec"), vars(module))
+    except (Exception, SystemExit) as error:
         raise wrong(f"{path} raises {type(error).__name__}: {error}") from error
     function = getattr(module, name, None)
     if not callable(function):
@@ -50,13 +53,16 @@ def source_of(text: str, folder: Path) -> str:
 def called(function: Callable[[Any], Any], given: Any, at: str) -> float:
     """Call a user's function of a Result or a Motion. Raises MagmpmError where it raises, or returns no finite number."""
     try:
-        found = function(given)
-    except Exception as error:
+        with redirect_stdout(sys.stderr):
+            found = function(given)
+    except (Exception, SystemExit) as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         raise MagmpmError(
             f"{at}: it raised {type(error).__name__}: {error}"
             f" ({Path(place.filename).name}, line {place.lineno})"
         ) from error
+    if isinstance(found, np.ndarray) and found.ndim == 0:
+        found = found.item()
     number = isinstance(found, (int, float, np.integer, np.floating)) and type(found) is not bool
     if not (number and math.isfinite(found)):
         shown = found if number else type(found).__name__
