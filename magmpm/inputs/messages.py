@@ -66,7 +66,12 @@ def empty_values(data: Any, at: Key = ()) -> list[Problem]:
     if isinstance(data, dict):
         return [p for key, value in data.items() for p in empty_values(value, (*at, key))]
     if isinstance(data, list):
-        return [p for i, value in enumerate(data) for p in empty_values(value, (*at, i))]
+        return [
+            problem
+            for i, value in enumerate(data)
+            if value is not None  # `null` in a list is written, not forgotten
+            for problem in empty_values(value, (*at, i))
+        ]
     return []
 
 

@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -199,7 +200,8 @@ class Choice(Knob):
     @property
     def _shown(self) -> dict[Any, Any]:
         """The values by what stands for each."""
-        return {v if isinstance(v, (str, int, float)) else repr(v): v for v in self.values}
+        plain = (str, int, float, NoneType)
+        return {v if isinstance(v, plain) else repr(v): v for v in self.values}
 
     def distributions(self) -> dict[str, BaseDistribution]:
         from optuna.distributions import CategoricalDistribution
