@@ -91,6 +91,16 @@ def read_yaml(path: Path | str) -> Document:
     return Document(data, path, builder.lines)
 
 
+def read_value(text: str) -> Any:
+    """A value as it may stand in a file. Raises ValueError for text that is no YAML."""
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        return None if node is None else _Builder(Path(), loader).value(node, ())
+    except (yaml.YAMLError, RecursionError, InputError):
+        raise ValueError(text) from None
+
+
 def placed(error: SceneError, path: Path | str) -> InputError:
     """An error about a key of a scene, with the scene's file, the line of the key or of what is around it, and the value the file has."""
     document = read_yaml(path)
