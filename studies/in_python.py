@@ -246,7 +246,7 @@ def _for_goal(
             found,
             out,
             trials=trials,
-            workers=more.get("workers") or 1,
+            workers=more.get("workers"),
             storage=more.get("storage"),
             on_trial=tell,
         )

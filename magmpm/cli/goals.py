@@ -15,6 +15,7 @@ from typing import Any
 from magmpm.cli.answers import Progress, end_as_by_ctrl_c
 from magmpm.cli.draw import draw_run
 from magmpm.errors import InputError
+from magmpm.inputs.yaml_document import read_value
 from magmpm.results.file_names import ENERGIES_PLOT, MOMENTS, MOVIE, PICTURE
 
 
@@ -26,13 +27,15 @@ def design_for_goal(options: argparse.Namespace) -> int:
     from magmpm.studies.goals.search import search
 
     study = load_goal(options.study)
-    of_shapes = ("sampler", "trial", "artifacts")
-    given = [f"--{name}" for name in of_shapes if getattr(options, name) is not None]
+    of_shapes = ("sampler", "trial", "artifacts", "time_limit")
+    given = [
+        f"--{name.replace('_', '-')}" for name in of_shapes if getattr(options, name) is not None
+    ]
     if given:
         raise InputError(
             ", ".join(given),
             received="a study with a goal",
-            rule="the study file names the sampler, and trials store numbers only",
+            rule="the study file names the sampler, trials store numbers only, and none is stopped",
             remedy="omit the option",
         )
     out = options.out or Path("runs") / study.name
@@ -42,7 +45,7 @@ def design_for_goal(options: argparse.Namespace) -> int:
             study,
             out,
             trials=options.trials,
-            workers=options.workers or 1,
+            workers=options.workers,
             storage=given_url(options.storage, os.environ),
             on_trial=progress.note,
         )
@@ -204,12 +207,10 @@ def _axis(values: list[Any]) -> tuple[list[float], str | None]:
 
 def _values(text: str) -> tuple[str, list[Any]]:
     """An address and its values, from ADDRESS=V1,V2. Raises InputError."""
-    import yaml
-
     address, _, listed = text.partition("=")
     try:
-        values = [yaml.safe_load(one) for one in _divided(listed)] if listed else []
-    except yaml.YAMLError:
+        values = [read_value(one) for one in _divided(listed)] if listed else []
+    except ValueError:
         values = []
     if not address.strip() or not values:
         raise InputError(
@@ -235,11 +236,9 @@ def _divided(text: str) -> list[str]:
 
 def _measure(text: str) -> Any:
     """A measure: its name, or its settings as YAML. Raises InputError."""
-    import yaml
-
     try:
-        return yaml.safe_load(text) if text.lstrip().startswith("{") else text
-    except yaml.YAMLError:
+        return read_value(text) if text.lstrip().startswith("{") else text
+    except ValueError:
         raise InputError(
             "--measure",
             received=repr(text),

@@ -22,6 +22,7 @@ from magmpm.studies.goals import Bounds, Plain
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import Measure
 
+WHY = "failed"  # key of a reason
 Progress = Callable[[int, float], None]  # called with the number of a step, and the time (s)
 
 
@@ -37,19 +38,28 @@ class Job:
     bounds: dict[str, Bounds] = field(default_factory=dict)
 
 
-class BeyondBounds(MagmpmError):
-    """A scene that breaks a bound whatever its answer is; numbers: the measures that are known."""
+class Unmeasured(MagmpmError):
+    """A scene of which not all measures are known; numbers: those that are."""
 
-    def __init__(self, numbers: dict[str, float]) -> None:
-        super().__init__("a bound is broken, whatever the answer is")
+    def __init__(self, why: str, numbers: Plain) -> None:
+        super().__init__(why)
         self.numbers = numbers
+
+
+class BeyondBounds(Unmeasured):
+    """A scene that breaks a bound whatever its answer is."""
+
+
+def scale_of(bounds: Bounds) -> float:
+    """Return the larger bound, SI; 1 of a bound of 0 alone."""
+    return max(abs(one) for one in bounds if one is not None) or 1.0
 
 
 def beyond(value: float, bounds: Bounds) -> list[float]:
     """Return how far a value is beyond each of its bounds, as a share of the larger one: at most 0 where it keeps it. Beside a bound of 0
     alone, in SI."""
     least, greatest = bounds
-    scale = max(abs(one) for one in bounds if one is not None) or 1.0
+    scale = scale_of(bounds)
     found = [] if least is None else [(least - value) / scale]
     return found if greatest is None else [*found, (value - greatest) / scale]
 
@@ -64,11 +74,33 @@ def numbers(job: Job, on_progress: Progress | None = None) -> dict[str, float]:
         if validate(Measure, job.measures[name]).before(scene)
     }
     if any(max(beyond(value, job.bounds[name])) > 0.0 for name, value in known.items()):
-        raise BeyondBounds(known)
-    answer = answered(scene, job.folder, on_progress)
-    return {
-        name: measured(data, answer, name, job.functions) for name, data in job.measures.items()
-    }
+        raise BeyondBounds("a bound is broken, whatever the answer is", known)
+    found = all_measured(job, answered(scene, job.folder, on_progress))
+    if WHY in found:
+        raise Unmeasured(found.pop(WHY), found)
+    return found
+
+
+def all_measured(job: Job, answer: Answer) -> Plain:
+    """The measures of an answer, as `known`."""
+    return known(
+        {
+            name: partial(measured, data, answer, name, job.functions)
+            for name, data in job.measures.items()
+        }
+    )
+
+
+def known(measures: Mapping[str, Callable[[], float]]) -> Plain:
+    """What measures give, by name, and in `failed` why the others give nothing."""
+    found: Plain = {}
+    missing = []
+    for name, measure in measures.items():
+        try:
+            found[name] = measure()
+        except MagmpmError as error:
+            missing.append(in_one_line(error))
+    return {**found, WHY: "; ".join(missing)} if missing else found
 
 
 def measured(data: Mapping[str, Any], answer: Answer, at: str, functions: Path) -> float:
@@ -85,13 +117,13 @@ def answered(scene: Scene, folder: Path | None, on_progress: Progress | None = N
 
 
 def tried(job: Job, on_progress: Progress | None = None) -> Plain:
-    """`numbers` as {"values": ...}, {"beyond": ...} or {"failed": reason}."""
+    """`numbers` as {"values": ...}, {"beyond": ...} or {"failed": reason, "known": ...}."""
     try:
         return {"values": numbers(job, on_progress)}
     except BeyondBounds as found:
         return {"beyond": found.numbers}
     except MagmpmError as error:
-        return {"failed": in_one_line(error)}
+        return {WHY: in_one_line(error), "known": getattr(error, "numbers", {})}
 
 
 class Processes(ThreadPoolExecutor):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -170,10 +172,20 @@ class GoalStudy:
         ]
         if self.file.together:
             values = [float(np.sqrt(np.mean(np.square(values))))]
-        beyond = [
-            one for name, of in self.bounded.items() for one in evaluate.beyond(numbers[name], of)
-        ]
-        return values, beyond
+        return values, list(chain.from_iterable(self.beyond(numbers).values()))
+
+    def beyond(self, numbers: Mapping[str, float]) -> dict[str, list[float]]:
+        """How far each constraint whose measure is known is beyond its bounds (`evaluate.beyond`)."""
+        known = {at: of for at, of in self.bounded.items() if at in numbers}
+        return {at: evaluate.beyond(numbers[at], of) for at, of in known.items()}
+
+    def missed(self, numbers: Mapping[str, float]) -> dict[str, float]:
+        """By how much, in SI, the constraints that are not kept miss their bounds."""
+        return {
+            at: max(shares) * evaluate.scale_of(self.bounded[at])
+            for at, shares in self.beyond(numbers).items()
+            if max(shares) > 0.0
+        }
 
 
 def has_goal(path: Path | str) -> bool:

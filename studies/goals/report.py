@@ -26,12 +26,13 @@ PICTURES = (
 class GoalReport:
     """Findings of a search.
 
-    goals: each in words, with its SI unit; limits: of measures, by their places in the file; values: of each trial, SI, None where it
-    has none, and `ends` says why: done, failed, pruned or not run; feasible: whether each keeps the limits; best: number, values,
-    measures, params and whether it keeps the limits; begun: params of the scene as it is; tied: how many numbers of the scene share a
-    parameter, where they are several; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and
-    were not run; finer: the best on more cells; scatter: values of designs that are all but the best; why_sampler: that the file does not
-    name; ended: running, done or interrupted; warnings: of the best run; out: folder of the results, whose best/ holds the best run.
+    goals: each in words, with its SI unit; limits: of measures, by their places in the file; values: of each trial, SI, None where it has
+    none, and `ends` says why: done, failed, pruned or not run; feasible: whether each keeps the limits; best: number, values, measures,
+    params, whether it keeps the limits, and by how much it misses each; nearest: of a search without a best, the trial that was not run
+    and is least beyond its bounds; begun: params of the scene as it is; tied: how many numbers of the scene share a parameter, where they
+    are several; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not run; finer:
+    the best on more cells; scatter: values of designs that are all but the best; why_sampler: that the file does not name; ended:
+    running, done or interrupted; warnings: of the best run; out: folder of the results, whose best/ holds the best run.
     """
 
     name: str
@@ -52,6 +53,7 @@ class GoalReport:
     sampler: str
     storage: str
     seconds_per_trial: float
+    nearest: Plain | None = None
     finer: Plain | None = None
     scatter: Plain | None = None
     why_sampler: str | None = None
@@ -98,15 +100,18 @@ def text(report: GoalReport) -> str:
         lines.append(f"  best             trial {report.best['number']}: {said}")
         if not report.best["feasible"]:
             lines.append("  no trial satisfies all constraints; this one violates them least")
-        for limit in report.limits:
-            value = in_words(limit["label"], report.best["measures"][limit["at"]])
-            name = limit["label"].rpartition(" (")[0] or limit["label"]
-            lines.append(f"    {name}: {value} ({limit['bounds']})")
+        lines += [f"    {one}" for one in kept(report.limits, report.best)]
         lines += [
             f"    {name}{shared(report.tied, name)} ="
-            f" {value if isinstance(value, str) else significant(value, 6)}"
+            f" {significant(value, 6) if isinstance(value, (int, float)) else value or 'null'}"
             for name, value in report.best["params"].items()
         ]
+    elif report.nearest is not None:
+        number = report.nearest["number"]
+        lines.append(
+            f"  no trial satisfies all constraints; trial {number}, which was not run, is nearest"
+        )
+        lines += [f"    {one}" for one in kept(report.limits, report.nearest)]
     else:
         lines.append("  no trial gave a design")
     if report.finer is not None and "values" in report.finer:
@@ -129,6 +134,22 @@ def text(report: GoalReport) -> str:
     if report.ended == "interrupted":
         lines.append("  interrupted; the same command continues")
     return "\n".join(lines)
+
+
+def kept(limits: list[Plain], trial: Plain) -> list[str]:
+    """Return a trial's measures in words, each with its bounds, and by how much it misses them."""
+    lines = []
+    for limit in limits:
+        at = limit["at"]
+        if at in trial["measures"]:
+            label = limit["label"]
+            value = in_words(label, trial["measures"][at])
+            by = trial["missed"].get(at)
+            missed = "" if by is None else f", missed by {in_words(label, by)}"
+            lines.append(
+                f"{label.rpartition(' (')[0] or label}: {value} ({limit['bounds']}){missed}"
+            )
+    return lines
 
 
 def _said(goals: list[str], values: list[float]) -> str:

@@ -28,12 +28,15 @@ from magmpm.studies.engine.storage_url import shown_url, storage_url
 from magmpm.studies.goals import Plain, evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.descend import Enough, Slopes, descend
+from magmpm.studies.goals.evaluate import WHY
 from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP
 from magmpm.studies.goals.goal_study import GoalStudy
-from magmpm.studies.goals.report import REPORT, GoalReport
+from magmpm.studies.goals.report import REPORT, GoalReport, kept
 from magmpm.studies.goals.slopes import Derived, Near, shares, stencil, values_and_slopes
+from magmpm.studies.problem.study import check_trials
 from magmpm.studies.search.knobs import distributions, made
 from magmpm.studies.search.objectives import told_factors
+from magmpm.studies.search.samplers.choice import check_workers
 from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 from magmpm.studies.search.samplers.optuna_ids import set_constraints
@@ -44,7 +47,6 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial, Trial
 
 DEFINITION = "definition"
-WHY = "failed"
 CONSTRAINTS = "constraints"  # at most 0 each where they hold
 INTERRUPTED = "interrupted"
 CONVERGED = "converged"
@@ -82,12 +84,17 @@ def search(
     out: Path,
     *,
     trials: int | None = None,
-    workers: int = 1,
+    workers: int | None = None,
     storage: str | None = None,
     on_trial: Callable[[str], None] | None = None,
 ) -> GoalReport:
-    """Run or resume a search, with results in the folder `out`. Raises InputError where another study is there."""
+    """Run or resume a search, with results in the folder `out`. Raises InputError where another study is there, and for numbers of trials
+    and workers that can't be."""
     import optuna
+
+    check_trials(trials)
+    check_workers(workers)
+    workers = workers or 1
 
     from magmpm.results.folder_lock import folder_lock
 
@@ -423,9 +430,9 @@ class _Seeking:
 
     def _ended_early(self, trial: Trial, outcome: Plain) -> None:
         """Store that a trial failed, and why, or was pruned."""
-        numbers = outcome.get("beyond", {}).items()
-        beyond = [evaluate.beyond(value, self.study.bounded[name]) for name, value in numbers]
-        set_constraints(trial, list(chain.from_iterable(beyond)))
+        numbers = outcome.get("beyond", {})
+        set_constraints(trial, list(chain.from_iterable(self.study.beyond(numbers).values())))
+        trial.set_user_attr("measures", numbers or outcome.get("known", {}))
         if WHY not in outcome:
             trial.set_user_attr(SKIPPED, "beyond" in outcome)
             self.known.tell(trial, state=TrialState.PRUNED)
@@ -443,7 +450,7 @@ class _Seeking:
             return head + (
                 f"failed: {outcome[WHY]}"
                 if WHY in outcome
-                else "not run: violates a bound anyway"
+                else f"not run: violates a bound anyway, {self._bounds(outcome['beyond'])}"
                 if "beyond" in outcome
                 else "pruned"
             )
@@ -457,6 +464,12 @@ class _Seeking:
         return f"{head}{said}" + (
             ", the best" if best is not None and best.number == number else ""
         )
+
+    def _bounds(self, numbers: dict[str, float]) -> str:
+        """The constraints that are missed, in words."""
+        missed = self.study.missed(numbers)
+        shown = {"measures": {at: numbers[at] for at in missed}, "missed": missed}
+        return "; ".join(kept(self.study.limits, shown))
 
     def _ran(self) -> list[FrozenTrial]:
         return [
@@ -481,12 +494,26 @@ class _Seeking:
 
     def _shown(self, trial: FrozenTrial) -> Plain:
         return {
-            "number": trial.number,
+            **self._of(trial),
             "values": self._values(trial),
-            "measures": trial.user_attrs["measures"],
             "params": dict(trial.params),
             "feasible": _keeps(trial),
         }
+
+    def _of(self, trial: FrozenTrial) -> Plain:
+        measures = trial.user_attrs["measures"]
+        missed = self.study.missed(measures)
+        return {"number": trial.number, "measures": measures, "missed": missed}
+
+    def _nearest(self) -> Plain | None:
+        """The trial that was not run, as it breaks a bound anyway, and is least beyond it; None where none is."""
+
+        def rank(trial: FrozenTrial) -> float:
+            beyond = self.study.beyond(trial.user_attrs["measures"]).values()
+            return sum(max(one, 0.0) for one in chain.from_iterable(beyond))
+
+        skipped = [trial for trial in self._ran() if trial.user_attrs.get(SKIPPED)]
+        return self._of(min(skipped, key=rank)) if skipped else None
 
     def _report(self, ended: str) -> GoalReport:
         finished = self._ran()
@@ -501,11 +528,17 @@ class _Seeking:
             feasible=[t.state.name == "COMPLETE" and _keeps(t) for t in finished],
             ends=ends,
             best=None if best is None else self._shown(best),
+            nearest=self._nearest() if best is None else None,
             pareto=[self._shown(t) for t in self.known.best_trials]
             if self.study.file.several
             else [],
             failed=[
-                {"number": t.number, "why": t.user_attrs[WHY], "params": dict(t.params)}
+                {
+                    "number": t.number,
+                    "why": t.user_attrs[WHY],
+                    "params": dict(t.params),
+                    "measures": t.user_attrs.get("measures", {}),
+                }
                 for t in finished
                 if WHY in t.user_attrs
             ],

@@ -9,9 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from tempfile import mkdtemp
+from types import CodeType
 from typing import Any
 
 from magmpm.compiled.arrays import Array
@@ -23,9 +25,11 @@ from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import changed, check_apart, places
 from magmpm.studies.goals import Plain, evaluate
 from magmpm.studies.goals.answer import Answer
+from magmpm.studies.goals.evaluate import WHY
 from magmpm.studies.goals.measures import KINDS, Measure
 from magmpm.studies.goals.own_function import called, function_of, source_of
 from magmpm.studies.search.knobs import accepted
+from magmpm.studies.search.samplers.choice import check_workers
 
 ROWS = "rows.jsonl"
 TIP = "tip"
@@ -37,7 +41,7 @@ _Outcome = tuple[Plain, Any]  # measures, and a Result or Motion
 
 @dataclass(frozen=True)
 class SweepTable:
-    """Rows of a sweep: what was set, then the measures in SI; `failed` holds the reason where a run failed, or there was none."""
+    """Rows of a sweep: what was set, then the measures in SI; `failed` says why a run, or some of its measures, are missing."""
 
     rows: list[Plain]
 
@@ -101,7 +105,7 @@ def sweep(
     Raises
     ------
     InputError
-        For wrong addresses and measures, and where the scene refuses every row, before the
+        For wrong addresses and measures, a number of workers that can't be, and where the scene refuses every row, before the
         first run.
 
     Examples
@@ -114,6 +118,7 @@ def sweep(
     """
     import os
 
+    check_workers(workers)
     whole = scene if isinstance(scene, Scene) else load_scene(scene)
     beside = Path(scene).parent if isinstance(scene, (str, Path)) else Path()
     measures, functions = _measures(measure)
@@ -134,7 +139,7 @@ def sweep(
         jobs: dict[int, evaluate.Job] = {}
         for k, (said, made) in enumerate(combined):
             if isinstance(made, InputError):
-                rows[k] = {**said, "failed": in_one_line(made)}
+                rows[k] = {**said, WHY: in_one_line(made)}
                 continue
             keys[k] = _key(made, measures, functions, beside)
             if keys[k] in known:
@@ -148,7 +153,10 @@ def sweep(
         def took(k: int, outcome: _Outcome) -> None:
             found, answer = outcome
             if answer is not None:
-                found |= _by_functions(functions, answer)
+                own = {name: partial(called, of, answer, name) for name, of in functions.items()}
+                both = [found, evaluate.known(own)]
+                why = "; ".join(one.pop(WHY) for one in both if WHY in one)
+                found = {**both[0], **both[1], **({WHY: why} if why else {})}
             evaluate.forget(jobs[k].folder)
             rows[k] = {**combined[k][0], **found}
             if keep is not None:
@@ -170,7 +178,7 @@ def sweep(
                 except Died as death:  # not kept: a run that the system killed may go through again
                     k = futures[done]
                     evaluate.forget(jobs[k].folder)
-                    rows[k] = {**combined[k][0], "failed": f"the process that ran it {death}"}
+                    rows[k] = {**combined[k][0], WHY: f"the process that ran it {death}"}
     return SweepTable([rows[k] for k in sorted(rows)])
 
 
@@ -258,13 +266,26 @@ def _key(
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
 
 
-def _code(of: Callable[[Any], Any]) -> str:
-    """Text that differs between functions that may measure differently: by their code, or by what it was made with."""
-    if not hasattr(of, "__code__"):
-        return repr(of)
-    made_with = [cell.cell_contents for cell in of.__closure__ or ()]  # type: ignore[attr-defined]
-    made_with += [of.__defaults__, of.__kwdefaults__]  # type: ignore[attr-defined]
-    return marshal.dumps(of.__code__).hex() + repr(made_with)
+def _code(of: Any, seen: set[CodeType] | None = None) -> str:
+    """Text that differs between functions that may measure differently: by their code, by what it was made with, and by the globals that it
+    names, functions among them."""
+    code = getattr(of, "__code__", None)
+    if code is None:
+        return repr(getattr(of, "tolist", lambda: of)())  # all of an array's numbers
+    seen = set() if seen is None else seen
+    if code in seen:
+        return ""
+    seen.add(code)
+    made_with = [cell.cell_contents for cell in of.__closure__ or ()]
+    made_with += [of.__defaults__, of.__kwdefaults__]
+    made_with += [of.__globals__.get(name) for name in _names(code)]
+    return marshal.dumps(code).hex() + "".join(_code(one, seen) for one in made_with)
+
+
+def _names(code: CodeType) -> list[str]:
+    """Names that code looks up, and the code within it."""
+    within = [one for one in code.co_consts if isinstance(one, CodeType)]
+    return [*code.co_names, *(name for one in within for name in _names(one))]
 
 
 def _known(folder: Path | None) -> dict[str, Plain]:
@@ -294,21 +315,6 @@ def _measured(job: evaluate.Job, with_answer: bool) -> _Outcome:
             answer = evaluate.answered(scene, job.folder)
         else:
             answer = Answer(scene, simulated(scene, RunOptions(judged=judged)))
-        found = {
-            name: evaluate.measured(data, answer, name, job.functions)
-            for name, data in job.measures.items()
-        }
     except MagmpmError as error:
-        return {"failed": in_one_line(error)}, None
-    return found, answer.given if with_answer else None
-
-
-def _by_functions(functions: Functions, given: Any) -> Plain:
-    """The columns of users' functions, of a Result or a Motion; `failed` where one raises or gives no number."""
-    found: Plain = {}
-    for name, function in functions.items():
-        try:
-            found[name] = called(function, given, name)
-        except MagmpmError as error:
-            found["failed"] = in_one_line(error)
-    return found
+        return {WHY: in_one_line(error)}, None
+    return evaluate.all_measured(job, answer), answer.given if with_answer else None

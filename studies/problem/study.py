@@ -139,9 +139,7 @@ class Study:
         InputError
             For a number or a name that can't be.
         """
-        if trials is not None and not 1 <= trials <= MOST_TRIALS:
-            rule = "must be at least 1" if trials < 1 else f"must be at most {MOST_TRIALS}"
-            raise InputError("--trials", received=str(trials), rule=rule, remedy="--trials 35")
+        check_trials(trials)
         if sampler is not None:
             check_sampler_name(sampler, "--sampler")
         return dataclasses.replace(
@@ -223,6 +221,24 @@ class Study:
             "start": self.start,
         }
         return {key: value for key, value in given.items() if value is not None}
+
+
+def check_trials(trials: int | None) -> None:
+    """Refuse a number of trials that can't be.
+
+    Parameters
+    ----------
+    trials : int or None
+        Their number, or None.
+
+    Raises
+    ------
+    InputError
+        For one that can't be.
+    """
+    if trials is not None and not 1 <= trials <= MOST_TRIALS:
+        rule = "must be at least 1" if trials < 1 else f"must be at most {MOST_TRIALS}"
+        raise InputError("--trials", received=str(trials), rule=rule, remedy="--trials 35")
 
 
 def _rows(target: Array) -> list[str]:

@@ -35,7 +35,7 @@ from magmpm.studies.goals.evaluate import beyond
 from magmpm.studies.goals.goal_file import SCHEMA, GoalFile
 from magmpm.studies.goals.goal_study import load_goal
 from magmpm.studies.goals.measures import Measure
-from magmpm.studies.goals.report import GoalReport, spread
+from magmpm.studies.goals.report import GoalReport, spread, text
 from magmpm.studies.goals.slopes import stencil, values_and_slopes
 from magmpm.studies.search.knobs import distributions, made
 
@@ -721,6 +721,56 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
         assert next(iter(one["params"].values())) > 4e-3
 
 
+def test_what_comes_nearest_to_bounds_that_nothing_keeps_is_told(tmp_path: Path) -> None:
+    """With its unit, and by how much it misses each; of trials that were not run, the least of what is known of them."""
+    bounds = (
+        "subject_to: [{largest_field: {}, at_least: 9 mT}, {strain: {}, at_most: 2}]\ntrials: 3"
+    )
+    found = searched(tmp_path, STUDY.replace("trials: 6", bounds))
+    assert found.best is None
+    assert found.nearest is not None
+    (broken,) = found.nearest["missed"].values()
+    assert broken == pytest.approx(9e-3 - found.nearest["measures"]["subject_to[0]"])
+    said = text(found)
+    assert "which was not run, is nearest" in said
+    assert f"mT (at least 9.000 mT), missed by {1e3 * broken:.4g}"[:40] in said
+    bounds = "subject_to: [{displacement: {of: tip, along: [0, 0, 1]}, at_least: 9 mm}]\ntrials: 3"
+    folder = tmp_path / "run"
+    folder.mkdir()
+    found = searched(folder, STUDY.replace("trials: 6", bounds))
+    assert found.best is not None
+    assert not found.best["feasible"]
+    best = found.best["measures"]["subject_to[0]"]
+    assert found.best["missed"]["subject_to[0]"] == pytest.approx(9e-3 - best)
+    assert "mm (at least 9.000 mm), missed by" in text(found)
+
+
+def test_a_trial_keeps_the_measures_that_are_known(tmp_path: Path) -> None:
+    """One that gives no number fails it, by its name."""
+    (tmp_path / "own.py").write_text("def lost(result):\n    return float('nan')\n")
+    bounds = "subject_to: [{strain: {}, at_most: 2}, {python: own.py:lost, at_most: 1}]\ntrials: 1"
+    found = searched(tmp_path, STUDY.replace("trials: 6", bounds))
+    (failed,) = found.failed
+    assert "subject_to[1].python: it returned nan" in failed["why"]
+    assert failed["measures"]["subject_to[0]"] > 0.0
+    assert failed["measures"]["goal[0].maximize"] > 0.0
+
+
+def test_what_a_file_leaves_out_may_be_chosen(tmp_path: Path) -> None:
+    """Null among choices: the key's default, or nothing, here no gravity, which the best design does without."""
+    study = STUDY.replace(
+        '"field.uniform[2]", min: 1 mT, max: 8 mT', "effects.gravity, choices: [null, {}]"
+    )
+    found = searched(tmp_path, study)
+    assert found.best is not None
+    assert found.best["params"] == {"effects.gravity": None}
+    assert found.begun == {"effects.gravity": None}
+    assert "effects.gravity = null" in text(found)
+    assert magmpm.load_scene(tmp_path / "out" / "best.yaml").effects.gravity is None
+    with pytest.raises(InputError, match="must have a value"):
+        load_goal(written(tmp_path, STUDY + "seed:\n"))
+
+
 @pytest.mark.parametrize(
     ("before", "after", "told"),
     [
@@ -850,6 +900,9 @@ def test_commands_print_one_json_object(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["design", str(study), "--trials", "2", "--out", out, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["trials"] == 2
+    for option in (["--trials", "0"], ["--workers", "0"], ["--time-limit", "9"]):
+        assert main(["design", str(study), "--out", out, *option]) == 2
+        assert f"{option[0]}: received" in capsys.readouterr().err
     shutil.rmtree(out)
     told = ["sweep", str(tmp_path / "scene.yaml"), "--set", "field.uniform[2]=1 mT,2 mT", "--set"]
     assert main([*told, "effects.gravity=null,{}", "--workers", "1", "--json"]) == 0

@@ -1,10 +1,13 @@
 """Sweeps: their rows, what is found again, and what failed."""
 
+import json
 import os
 import py_compile
 import signal
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,7 @@ import pytest
 from goal_study import SCENE, STUDY, plain, searched
 
 import magmpm
+from magmpm.cli.command import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.scene.addresses import changed, places
@@ -142,6 +146,7 @@ def test_stability_is_found_where_it_is_asked_for() -> None:
     [
         (np.int64(3), 3.0),
         (np.float32(0.5), 0.5),
+        (np.array(0.25), 0.25),
         (float("nan"), "reach: it returned nan, and must return a finite number"),
         (np.ones(3), "reach: it returned ndarray, and must return a finite number"),
         (None, "reach: it returned NoneType, and must return a finite number"),
@@ -236,6 +241,71 @@ def test_what_another_function_measured_is_not_found_again(tmp_path: Path) -> No
     own.write_text("def reach(result):\n    return float(result.tip[0])\n")
     with pytest.raises(InputError, match="another definition"):
         searched(tmp_path, study, trials=2)
+
+
+def test_what_a_function_names_decides_its_rows(tmp_path: Path) -> None:
+    """A number or another function of its module, also in a function within it; what nobody names does not count."""
+    scene = Scene.from_si(plain(SCENE))
+    text = (
+        "import numpy as np\ndef factor(x):\n    return {0} * x\nSHARE = np.array([{1}, 2.0])\n"
+        "OTHER = {2}\ndef end(result):\n    return sum(factor(SHARE[k]) for k in [0])\n"
+    )
+    told: list[dict[str, Any]] = []
+    for numbers in ((1, 1, 1), (3, 1, 1), (3, 5, 1), (3, 5, 7)):
+        namespace: dict[str, Any] = {}
+        exec(text.format(*numbers), namespace)
+        (row,) = magmpm.sweep(
+            scene,
+            {"field.uniform[2]": ["2 mT"]},
+            measure=[namespace["end"]],
+            workers=1,
+            folder=tmp_path / "s",
+            on_row=told.append,
+        ).rows
+        assert row["end"] == numbers[0] * numbers[1]
+    assert len(told) == 3
+
+
+def test_a_measure_without_a_number_leaves_the_others_of_its_row(tmp_path: Path) -> None:
+    """Of a user's file, whose prints are no part of the answer, and which may end Python: the row names it."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    (tmp_path / "own.py").write_text(
+        "import sys\nprint('read')\n\n\ndef lost(result):\n    print('called')\n"
+        "    return float('nan')\n\n\ndef end(result):\n    sys.exit(0)\n"
+    )
+    named = [f"{{python: own.py:{name}}}" for name in ("lost", "end")]
+    command = ["sweep", str(tmp_path / "scene.yaml"), "--set", "field.uniform[2]=2 mT"]
+    command += ["--workers", "1", "--json", "--measure", "strain"]
+    for one in named:
+        command += ["--measure", one]
+    with redirect_stdout(StringIO()) as out:
+        assert main(command) == 0
+    (row,) = json.loads(out.getvalue())["rows"]
+    assert row["strain"] > 0.0
+    assert "lost.python: it returned nan" in row["failed"]
+    assert "end.python: it raised SystemExit: 0 (own.py, line 11)" in row["failed"]
+
+
+def test_numbers_of_a_command_are_those_of_files(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """By the rules of YAML 1.2, in which 1e-9 is a number and no word."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    told = ["sweep", str(tmp_path / "scene.yaml"), "--json", "--set"]
+    assert main([*told, "solver.static.tolerance=1e-9,1e-8", "--workers", "1"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["solver.static.tolerance"] for row in rows] == [1e-9, 1e-8]
+    assert all(row["tip_z_m"] > 0.0 for row in rows)
+    assert main([*told, "solver.static.tolerance={1e-9", "--workers", "1"]) == 2
+
+
+@pytest.mark.parametrize("workers", [0, -1])
+def test_no_workers_are_refused(workers: int, tmp_path: Path) -> None:
+    scene = Scene.from_si(plain(SCENE))
+    with pytest.raises(InputError, match="must be from 1 to"):
+        magmpm.sweep(scene, {"field.uniform[2]": ["2 mT"]}, workers=workers)
+    with pytest.raises(InputError, match="must be from 1 to"):
+        searched(tmp_path, workers=workers)
 
 
 def test_a_sweep_keeps_what_failed() -> None:

@@ -70,10 +70,20 @@ def _answer(report: Mapping[str, Any]) -> Markup:
 def _alarms(report: Mapping[str, Any]) -> Markup:
     """Alarms that a reader must not overlook."""
     says = list(report["warnings"])
+    near = report["best"] or report["nearest"] or {}
     if report["best"] is None:
         says.append("No trial was run to its end: there is no design.")
     elif not report["best"]["feasible"]:
         says.append("No trial satisfies all constraints; this design violates them least.")
+    for limit in report["limits"]:
+        label = limit["label"]
+        by = near.get("missed", {}).get(limit["at"])
+        if by is not None:
+            nearest = in_words(label, near["measures"][limit["at"]])
+            says.append(
+                f"{_goal(label)}, {limit['bounds']}: the nearest is {nearest}, which misses that by"
+                f" {in_words(label, by)}."
+            )
     if report["ended"] != "done":
         says.append(f"The search has not ended: {report['ended']}.")
     return joined(tag("p", one, class_="alarm") for one in says)
