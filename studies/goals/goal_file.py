@@ -12,7 +12,14 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from magmpm.inputs.settings import Settings, fault, write_json_schema
 from magmpm.studies.goals.measures import Measure
-from magmpm.studies.problem.variables import VaryNumber
+from magmpm.studies.problem.variables import (
+    LENGTH,
+    ORDER,
+    Varied,
+    VaryLength,
+    VaryNumber,
+    VaryOrder,
+)
 
 SCHEMA = Path(__file__).parents[1] / "goal.schema.json"
 SLSQP = "slsqp"  # steps along derivatives
@@ -31,24 +38,21 @@ class VaryDirections(Settings):
     )
 
 
-class VaryAnything(Settings):
+class VaryAnything(Varied):
     """Numbers and directions that trials change."""
 
     magnetization: VaryDirections | None = Field(
         default=None, description="The direction of each magnetized region: {}.", examples=["{}"]
     )
-    numbers: tuple[VaryNumber, ...] = Field(
-        default=(),
+    length: VaryLength | None = LENGTH
+    order: VaryOrder | None = ORDER
+    numbers: tuple[VaryNumber, ...] | None = Field(
+        default=None,
+        min_length=1,
         max_length=1000,
         description="Numbers of the scene, by their addresses.",
         examples=[[{"of": "field.uniform[2]", "min": "2 mT", "max": "8 mT"}]],
     )
-
-    @model_validator(mode="after")
-    def _something(self) -> VaryAnything:
-        if self.magnetization is None and not self.numbers:
-            raise fault("a study must vary something", "add `magnetization: {}`, or `numbers`")
-        return self
 
 
 class Target(Measure):

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from magmpm.errors import InputError, in_words, shown_unit
+from magmpm.errors import InputError, dotted, in_words, shown_unit
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, read_yaml
@@ -25,6 +25,8 @@ from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile, VaryAn
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.own_function import function_of, source_of
 from magmpm.studies.search.knobs import Knob, Turning, knobs
+from magmpm.studies.search.scene_edits import segment_knobs
+from magmpm.studies.search.study_checks import segments_fault
 
 
 @dataclass(frozen=True)
@@ -267,12 +269,16 @@ def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
                 rule="at_least must be below at_most",
                 remedy="exchange or correct them",
             )
+    fault = segments_fault(scene, file.vary.length, file.vary.order, file.sampler)
+    if fault is not None:
+        raise InputError(dotted(fault[0]), received=fault[1], rule=fault[2], remedy=fault[3])
+    segments = segment_knobs(file.vary.length, file.vary.order, scene)
     study = GoalStudy(
         document.path,
         document.path.stem,
         file,
         scene,
-        knobs(file.vary.numbers, scene, _directions(file.vary, scene)),
+        knobs(file.vary.numbers or (), scene, [*_directions(file.vary, scene), *segments]),
         targets,
         bounds,
     )

@@ -551,9 +551,9 @@ class _Seeking:
                 for name, value in knob.own(self.study.scene).items()
             },
             tied={
-                name: len(knob.places)
+                name: knob.tied
                 for knob in self.study.knobs
-                if len(knob.places) > 1
+                if knob.tied > 1
                 for name in knob.distributions()
             },
             study_file=str(self.study.path.resolve()),

@@ -220,7 +220,29 @@ class VaryNumber(VaryWithin):
         return self
 
 
-class Vary(Settings):
+LENGTH: Any = Field(
+    default=None,
+    description="The length of each segment, within bounds.",
+    examples=["{min: 4 mm, max: 12 mm}"],
+)
+ORDER: Any = Field(
+    default=None,
+    description="The order of magnetized and plain segments along the body: {}.",
+    examples=["{}"],
+)
+
+
+class Varied(Settings):
+    """What trials change: something."""
+
+    @model_validator(mode="after")
+    def _something(self) -> Varied:
+        if all(getattr(self, key) is None for key in type(self).model_fields):
+            raise fault("a study must vary something", "add `magnetization: {}`, or `numbers`")
+        return self
+
+
+class Vary(Varied):
     """Variables that the study may change."""
 
     magnetization: VaryMagnetization | None = Field(
@@ -231,11 +253,7 @@ class Vary(Settings):
         description="The external field, up to a greatest strength.",
         examples=["{max: 10 mT}"],
     )
-    length: VaryLength | None = Field(
-        default=None,
-        description="The length of each segment, within bounds.",
-        examples=["{min: 4 mm, max: 12 mm}"],
-    )
+    length: VaryLength | None = LENGTH
     diameter: VaryDiameter | None = Field(
         default=None,
         description="The catheter's diameter, within bounds.",
@@ -251,11 +269,7 @@ class Vary(Settings):
         description="The shear modulus of the materials, within bounds.",
         examples=["{min: 50 kPa, max: 500 kPa}"],
     )
-    order: VaryOrder | None = Field(
-        default=None,
-        description="The order of magnetized and plain segments along the body: {}.",
-        examples=["{}"],
-    )
+    order: VaryOrder | None = ORDER
     numbers: tuple[VaryWithin, ...] | None = Field(
         default=None,
         min_length=1,
@@ -263,9 +277,3 @@ class Vary(Settings):
         description="Other numbers of the scene within bounds, by their addresses.",
         examples=[[{"of": "effects.gravity.acceleration[0]", "min": "0 m/s^2", "max": "5 m/s^2"}]],
     )
-
-    @model_validator(mode="after")
-    def _something(self) -> Vary:
-        if not any(getattr(self, key) is not None for key in type(self).model_fields):
-            raise fault("a study must vary something", "add `magnetization: {}`")
-        return self

@@ -46,6 +46,11 @@ class Knob(ABC):
         """True if it turns without steps."""
         return True
 
+    @property
+    def tied(self) -> int:
+        """How many numbers of the scene share a parameter."""
+        return len(self.places)
+
     @abstractmethod
     def distributions(self) -> dict[str, BaseDistribution]:
         """Describe its parameters for Optuna.
@@ -80,6 +85,23 @@ class Knob(ABC):
         dict[Place, Any]
             Values by place.
         """
+
+    def arranged(self, scene: Scene, params: Values) -> Scene:
+        """Put the parts of a scene, with all its values, in their order.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+        params : Values
+            Parameters by name.
+
+        Returns
+        -------
+        Scene
+            The scene; the same unless an order is turned.
+        """
+        return scene
 
     def own(self, scene: Scene) -> dict[str, Any]:
         """Find the parameters that give the scene's own value.
@@ -576,4 +598,7 @@ def made(scene: Scene, turned: Sequence[Knob], params: Values) -> Scene:
     values: dict[Place, Any] = {}
     for knob in turned:
         values |= knob.at(params)
-    return changed(scene, values)
+    found = changed(scene, values)
+    for knob in turned:
+        found = knob.arranged(found, params)
+    return found

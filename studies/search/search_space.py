@@ -24,7 +24,6 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, put, say
-from magmpm.scene.variables import of_lengths
 from magmpm.studies.search.parameters import (
     FIELD,
     FieldVector,
@@ -38,8 +37,10 @@ from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 from magmpm.studies.search.scene_edits import (
     arrangement,
     kept_total,
+    lengths_in,
     numbers_of,
     orders,
+    put_in_order,
     segment_names,
     with_own_materials,
 )
@@ -474,26 +475,19 @@ class SearchSpace:
         requested = [found[n.place] for n in self.numbers_within if n.what == "length"]
         if requested:
             lengths = self._lengths(np.array(requested))[0]
-            found |= of_lengths(self.scene, lengths.tolist())
-            if self.keeps_length:
-                body = ("body", self.scene.body.kind)
-                found[*body, "length"] = self.scene.length
-                longest = int(np.argmax(lengths))
-                found[*body, "segments", longest, "length"] = None  # the rest, to the last bit
+            found |= lengths_in(self.scene, lengths, keep=self.keeps_length)
         return found
 
     def _put_in_order(self, data: dict[str, Any], order: str | None) -> None:
         """Put the segments of the scene's data, or of its file's content, in an order."""
         if order is not None:
-            body = data["body"][self.scene.body.kind]
-            body["segments"] = [body["segments"][k] for k in arrangement(self.scene, order)]
+            put_in_order(data, self.scene, order)
 
     def _lengths(self, requested: Array) -> tuple[Array, Array]:
         """Lengths (k,) m of the segments for those requested, and their derivatives (k, k); of the body's length in all if that is kept."""
-        if not self.keeps_length:
-            return requested, np.eye(len(requested))
         number = next(number for number in self.numbers_within if number.what == "length")
-        return kept_total(requested, *number.ends, self.scene.length)
+        total = self.scene.length if self.keeps_length else None
+        return kept_total(requested, *number.ends, total)
 
     def directions(self, parameters: Parameters) -> Array:
         """Find the magnetization of every segment of the trial's scene, in the undeformed body.

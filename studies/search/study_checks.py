@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, dotted
 from magmpm.inputs.user_files import folder_fault
@@ -15,6 +16,7 @@ from magmpm.scene import Scene
 from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.sampler_names import TAKE_CHOICES
 from magmpm.studies.problem.study_file import StudyFile
+from magmpm.studies.problem.variables import VaryLength, VaryOrder
 from magmpm.studies.search.scene_edits import MOST_ORDERS, numbers_of
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -402,7 +404,8 @@ def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
         numbers_of(file.vary, scene)
     except InputError as error:
         raise InputError(f"{place(document, 'vary', 'numbers')}: {error}") from None
-    found = _lengths_fault(scene, file) or _diameter_fault(scene, file) or _order_fault(scene, file)
+    found = segments_fault(scene, file.vary.length, file.vary.order, file.sampler)
+    found = found or _diameter_fault(scene, file)
     if found is None and scene.body.shape.line is not None:
         found = _corner_fault(scene, file)
     if found is not None:
@@ -413,36 +416,55 @@ def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
 Fault = tuple[tuple[str, ...], str, str, str]  # key, value received, rule, remedy
 
 
-def _lengths_fault(scene: Scene, file: StudyFile) -> Fault | None:
-    bounds = file.vary.length
-    if bounds is None:
+def segments_fault(
+    scene: Scene, length: VaryLength | None, order: VaryOrder | None, sampler: str | None
+) -> Fault | None:
+    """Find what is wrong with what a study varies of segments.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    length : VaryLength or None
+        What the study's file says of lengths.
+    order : VaryOrder or None
+        What it says of the order.
+    sampler : str or None
+        The sampler that the file names.
+
+    Returns
+    -------
+    Fault or None
+        The fault.
+    """
+    shape = scene.body.shape
+    if length is None and order is None:
         return None
+    if not isinstance(shape, StraightBody) or not shape.magnetized_by_region:
+        key = ("vary", "order" if length is None else "length")
+        rule = "parts and a strip with a magnetization_profile have no segments"
+        return key, f"a {scene.body.kind}", rule, "name a scene whose body has `segments`"
+    fault = None if length is None else _lengths_fault(scene, length)
+    return fault if fault or order is None else _order_fault(scene, sampler)
+
+
+def _lengths_fault(scene: Scene, bounds: VaryLength) -> Fault | None:
     count = len(scene.regions())
     length = scene.length
-    key = ("vary", "length")
-    received = f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm"
-    if not scene.body.shape.magnetized_by_region:
-        return (
-            key,
-            received,
-            "a strip with a magnetization_profile has no segments",
-            "give the strip `segments`",
-        )
-    if bounds.total == "keep" and not bounds.min * count <= length * (
-        1 + 1e-9
-    ) <= bounds.max * count * (1 + 2e-9):
-        rule = (
-            f"{count} segments of this length are {1e3 * count * bounds.min:g} to"
-            f" {1e3 * count * bounds.max:g} mm long, and must sum to the body's length,"
-            f" {1e3 * length:g} mm"
-        )
-        return (
-            key,
-            received,
-            rule,
-            "change the bounds, or let the length of the body vary too: `total: free`",
-        )
-    return None
+    fits = bounds.min * count <= length * (1 + 1e-9) <= bounds.max * count * (1 + 2e-9)
+    if fits or bounds.total == "free":
+        return None
+    rule = (
+        f"{count} segments of this length are {1e3 * count * bounds.min:g} to"
+        f" {1e3 * count * bounds.max:g} mm long, and must sum to the body's length,"
+        f" {1e3 * length:g} mm"
+    )
+    return (
+        ("vary", "length"),
+        f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm",
+        rule,
+        "change the bounds, or let the length of the body vary too: `total: free`",
+    )
 
 
 def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
@@ -473,9 +495,7 @@ def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
     return None
 
 
-def _order_fault(scene: Scene, file: StudyFile) -> Fault | None:
-    if file.vary.order is None:
-        return None
+def _order_fault(scene: Scene, sampler: str | None) -> Fault | None:
     magnetized = len(scene.magnetized_regions())
     count = len(scene.regions())
     key = ("vary", "order")
@@ -496,8 +516,8 @@ def _order_fault(scene: Scene, file: StudyFile) -> Fault | None:
             f" in {math.comb(count, magnetized)} ways"
         )
         return key, "{}", rule, "use fewer segments"
-    if file.sampler is not None and file.sampler not in TAKE_CHOICES:
-        rule = f"the sampler {file.sampler} needs a gradient or distances, and orders have none"
+    if sampler is not None and sampler not in TAKE_CHOICES:
+        rule = f"the sampler {sampler} needs a gradient or distances, and orders have none"
         return (
             key,
             "{}",
