@@ -236,12 +236,14 @@ class Box:
         """True if another box along the same axes has a point in common with this one."""
         return bool(np.all(lower <= self.upper) and np.all(upper >= self.lower))
 
+    def corners(self) -> Array:
+        """The corners (8, 3) along its axes."""
+        ends = np.array([self.lower, self.upper])
+        return np.array([ends[list(which), range(3)] for which in np.ndindex(2, 2, 2)])
+
     def turned(self, frame: Array) -> "Box":
         """The smallest box around this one along other axes, the columns of `frame` (3, 3)."""
-        corners = np.array(
-            [[(self.lower, self.upper)[b][i] for i, b in enumerate(c)] for c in np.ndindex(2, 2, 2)]
-        )
-        local = corners @ self.frame.T @ frame
+        local = self.corners() @ self.frame.T @ frame
         return Box(local.min(axis=0), local.max(axis=0), self.cut, frame)
 
     @property
@@ -301,9 +303,7 @@ def reach(body: Box, anchored: bool) -> Box:
 
 def seen_from_sources(field: FieldSource, box: Box) -> Box:
     """The box around a box of space in the frame of the sources, over all of the schedule."""
-    corners = np.array(
-        [[(box.lower, box.upper)[b][i] for i, b in enumerate(c)] for c in np.ndindex(2, 2, 2)]
-    )
+    corners = box.corners()
     lower = np.full(3, np.inf)
     upper = np.full(3, -np.inf)
     for place in places(field, sample_times(field)):

@@ -211,15 +211,19 @@ def of_values(lower: Array, spacing: Array, values: Array) -> tuple[Array, Error
     points = grid_points(lower + spacing / 2, spacing, tuple(shape))
     _, G = evaluate(packed, points)
     size = float(np.sqrt(np.mean(np.sum(G**2, axis=(1, 2))))) or 1.0
-    curl = np.stack(
-        [G[:, 2, 1] - G[:, 1, 2], G[:, 0, 2] - G[:, 2, 0], G[:, 1, 0] - G[:, 0, 1]], axis=1
-    )
     divergence = np.trace(G, axis1=1, axis2=2)
     return packed, Errors(
         0.0,
         0.0,
-        float(np.sqrt(np.mean(np.sum(curl**2, axis=1)))) / size,
+        float(np.sqrt(np.mean(np.sum(_curl(G) ** 2, axis=1)))) / size,
         float(np.sqrt(np.mean(divergence**2))) / size,
+    )
+
+
+def _curl(G: Array) -> Array:
+    """Curl (n, 3) of a field with the gradients G (n, 3, 3)."""
+    return np.stack(
+        [G[:, 2, 1] - G[:, 1, 2], G[:, 0, 2] - G[:, 2, 0], G[:, 1, 0] - G[:, 0, 1]], axis=1
     )
 
 
@@ -260,17 +264,9 @@ def _errors(packed: Array, points: Array, B: Array, G: Array, extent: float) -> 
     found, slope = evaluate(packed, points)
     size = np.linalg.norm(B, axis=1)
     steep = np.linalg.norm(G, axis=(1, 2)) + size / extent
-    curl = np.stack(
-        [
-            slope[:, 2, 1] - slope[:, 1, 2],
-            slope[:, 0, 2] - slope[:, 2, 0],
-            slope[:, 1, 0] - slope[:, 0, 1],
-        ],
-        axis=1,
-    )
     return Errors(
         field=float((np.linalg.norm(found - B, axis=1) / size).max()),
         gradient=float((np.linalg.norm(slope - G, axis=(1, 2)) / steep).max()),
-        curl=float((np.linalg.norm(curl, axis=1) / steep).max()),
+        curl=float((np.linalg.norm(_curl(slope), axis=1) / steep).max()),
         divergence=float((np.abs(np.trace(slope, axis1=1, axis2=2)) / steep).max()),
     )

@@ -322,19 +322,20 @@ def _along_mode(energy: Energy, point: Point, residual: Array, attempt: int) -> 
     then grow by a percent each, for hundreds of steps.
     """
     way = _leave(energy, residual, attempt)
-    best = point
-    for side in (1.0, -1.0):
-        part = 2.0**-6
-        while part <= LONGEST_ARC_STEP:
-            trial = energy.at(energy.arc(point, way, side * part))
-            if not (trial.min_det_F > 0 and trial.energy < best.energy):
-                break
-            if energy.clear_share(point.grid, trial.grid - point.grid) < 1.0:
-                break
-            best = trial
-            part = 2.0 * part
-        if best is not point:
+    found = _doubled(energy, point, way, 2.0**-6, point)
+    return _doubled(energy, point, way, -(2.0**-6), point) if found is point else found
+
+
+def _doubled(energy: Energy, point: Point, way: Array, part: float, best: Point) -> Point:
+    """The lowest of `best` and states along an arc, each twice as far as the one before, from a part of it on, which may be negative."""
+    while abs(part) <= LONGEST_ARC_STEP:
+        trial = energy.at(energy.arc(point, way, part))
+        if not (trial.min_det_F > 0 and trial.energy < best.energy):
             break
+        if energy.clear_share(point.grid, trial.grid - point.grid) < 1.0:
+            break
+        best = trial
+        part *= 2.0
     return best
 
 
@@ -346,16 +347,7 @@ def _farther(energy: Energy, point: Point, direction: Array, reached: Point) -> 
     """
     if energy.model.layout.straight:
         return reached
-    fraction = 2.0
-    while fraction <= LONGEST_ARC_STEP:
-        trial = energy.at(energy.arc(point, direction, fraction))
-        if not (trial.min_det_F > 0 and trial.energy < reached.energy):
-            break
-        if energy.clear_share(point.grid, trial.grid - point.grid) < 1.0:
-            break
-        reached = trial
-        fraction *= 2.0
-    return reached
+    return _doubled(energy, point, direction, 2.0, reached)
 
 
 def _search(
