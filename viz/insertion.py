@@ -15,7 +15,7 @@ from magmpm.bodies.curves import linear
 from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
 from magmpm.viz.from_result import segment_arrows
-from magmpm.viz.meshes import TriangleSurface, swept
+from magmpm.viz.meshes import TriangleSurface, fan, swept
 from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
 GUIDE = 3.0  # length of the guide that is shown, in diameters
@@ -39,16 +39,12 @@ class InsertionPictures:
         count = 80  # points of an axis as it is drawn
         axis = np.array(frame["axis_m"]) + shift
         s = np.linspace(0.0, 1.0, len(axis))
-        fine = np.linspace(0.0, 1.0, count)
-        line = linear(fine, s, axis)
+        line = linear(np.linspace(0.0, 1.0, count), s, axis)
         radius = self.catheter["diameter"] / 2
         surface = swept(line, radius)
         tip = swept(line[-2:] + 1e-3 * radius * (line[-1] - line[-2]), 1e-3 * radius)
         around = len(tip.points) // 2
         last = surface.points[-around:]
-        cap = np.stack(
-            [np.full(around, around), np.arange(around), (np.arange(around) + 1) % around], axis=1
-        ).astype(np.int32)
         place = frame["depth_m"] * (np.arange(count - 1) + 0.5) / (count - 1)
         part = self._segments(frame["depth_m"])(place)
         rings = surface.triangles.min(axis=1) // around
@@ -56,7 +52,12 @@ class InsertionPictures:
             surface.points, surface.triangles, part[np.minimum(rings, count - 2)]
         )
         return TriangleSurface.joined(
-            [whole, TriangleSurface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))]
+            [
+                whole,
+                TriangleSurface(
+                    np.vstack([last, line[-1:]]), fan(around), np.full(around, part[-1])
+                ),
+            ]
         )
 
     def _segments(self, depth: float) -> Any:

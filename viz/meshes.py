@@ -34,6 +34,13 @@ class TriangleSurface:
         )
 
 
+def fan(count: int) -> np.ndarray:
+    """Triangles (count, 3) around a ring of so many points, whose middle is the point after them."""
+    number = np.arange(count)
+    middle = np.full(count, count)
+    return np.stack([middle, number, (number + 1) % count], axis=1).astype(np.int32)
+
+
 def normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """(n, 3) unit normals at the points: the mean of the triangles around each, weighted by their areas.
 

@@ -15,7 +15,7 @@ from magmpm.scene import Scene
 from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
 from magmpm.viz.from_result import segment_arrows
-from magmpm.viz.meshes import TriangleSurface, circle, lofted, ring_sections
+from magmpm.viz.meshes import TriangleSurface, circle, fan, lofted, ring_sections
 from magmpm.viz.obstacles import standing
 from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
@@ -89,8 +89,7 @@ def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
     """The section of a straight body along an axis (n, 3) m; its parts are the body's segments."""
     axis_points = 80  # points of an axis as it is drawn
     at = np.linspace(0.0, 1.0, axis_points)
-    share = np.linspace(0.0, 1.0, len(axis))
-    line = linear(at, share, axis)
+    line = linear(at, np.linspace(0.0, 1.0, len(axis)), axis)
     faces, flat = _section(scene)
     ends = np.cumsum(scene.body.shape.segment_lengths()) / scene.length  # type: ignore[attr-defined]
     of_piece = np.minimum(np.searchsorted(ends, (at[1:] + at[:-1]) / 2), len(ends) - 1)
@@ -109,13 +108,11 @@ def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
     for end, backward in ((0, True), (-1, False)):
         rim = ring_sections(line, outline, np.array([0.0, 1.0, 0.0]))[end]
         count = len(rim)
-        fan = np.stack(
-            [np.full(count, count), np.arange(count), (np.arange(count) + 1) % count], axis=1
-        ).astype(np.int32)
+        cap = fan(count)
         points = np.vstack([rim, line[end : end + 1] if end == 0 else line[-1:]])
         pieces.append(
             TriangleSurface(
-                points, fan[:, ::-1] if backward else fan, np.full(count, of_piece[end])
+                points, cap[:, ::-1] if backward else cap, np.full(count, of_piece[end])
             )
         )
     return TriangleSurface.joined(pieces)

@@ -25,6 +25,7 @@ from magmpm.solving.solve import RunOptions
 from magmpm.statics.equilibrium import Following
 from magmpm.studies.fitting.constants import Constant, applied, chain
 from magmpm.studies.fitting.table import Measurements, Readings
+from magmpm.studies.search.samplers.blocks import across
 
 
 @dataclass(frozen=True)
@@ -251,10 +252,7 @@ def _normals(tangent: Array) -> list[Array]:
     """Unit vectors across a tangent: one in a plane, two in space."""
     if len(tangent) == 2:
         return [np.array([-tangent[1], tangent[0]])]
-    other = np.eye(3)[np.argmin(np.abs(tangent))]
-    first = np.cross(tangent, other)
-    first /= np.linalg.norm(first)
-    return [first, np.cross(tangent, first)]
+    return list(across(tangent).T)
 
 
 @dataclass

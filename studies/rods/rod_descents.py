@@ -19,7 +19,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from magmpm.studies.search.parameters import across, unit
+from magmpm.studies.search.samplers.blocks import across, unit
 
 # in each segment: the rod is a thousandth of its length from its limit, less than from the body
 ELEMENTS_PER_SEGMENT = 8
@@ -325,8 +325,7 @@ class DescendingRods:
         directions = _turned(at.directions, np.einsum("skab,skb->ska", at.basis, turns))
         field = at.field
         if self.field_max is not None:
-            field = field + p[:, -3:]
-            field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
+            field = in_ball(field + p[:, -3:])
         new = self.state(directions, field, at.quaternions, np.maximum(at.damping / 5, 1e-9))
         better = new.cost < at.cost
         kept = {
@@ -401,10 +400,25 @@ class DescendingRods:
         turns = np.cross(draw.normal(0.0, turn, at.directions.shape), at.directions)
         field = at.field
         if self.field_max is not None:
-            field = field + draw.normal(0.0, turn, field.shape)
-            field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
+            field = in_ball(field + draw.normal(0.0, turn, field.shape))
         damping = np.full(len(field), DAMPING)
         return self.state(_turned(at.directions, turns), field, at.quaternions, damping)
+
+
+def in_ball(vectors: Array) -> Array:
+    """Bring vectors to the nearest points of the unit ball.
+
+    Parameters
+    ----------
+    vectors : array (n, 3)
+        The vectors.
+
+    Returns
+    -------
+    array (n, 3)
+        The points.
+    """
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1.0))
 
 
 def _along_target(scene: Scene, target: Array, s: Array) -> Array:

@@ -33,8 +33,15 @@ from magmpm.errors import SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.studies.problem.shape_distance import root_mean_square
-from magmpm.studies.rods.rod_descents import DAMPING, DESIGNS_SOUGHT, DescendingRods, RodDescents
-from magmpm.studies.search.parameters import FieldVector, Parameters, SegmentDirection, unit
+from magmpm.studies.rods.rod_descents import (
+    DAMPING,
+    DESIGNS_SOUGHT,
+    DescendingRods,
+    RodDescents,
+    in_ball,
+)
+from magmpm.studies.search.parameters import FieldVector, Parameters, SegmentDirection
+from magmpm.studies.search.samplers.blocks import unit
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -386,8 +393,7 @@ class RodForetells:
         bound = share * problem.field_max
         here = problem.within(bound)
         x = np.array([space.embedded(design) for design in designs])
-        field = x[:, -3:] / bound
-        field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
+        field = in_ball(x[:, -3:] / bound)
         directions = x[:, :-3].reshape(len(x), -1, 3)
         begun = here.state(
             directions, field, problem.family.straight(len(x)), np.full(len(x), DAMPING)

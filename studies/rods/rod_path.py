@@ -29,7 +29,7 @@ from magmpm.studies.rods.rod_trajectory import (
     RodTrajectoryDesign,
     depth_of,
 )
-from magmpm.studies.search.parameters import unit
+from magmpm.studies.search.samplers.blocks import unit
 
 LEAST_STEPS_PER_DEPTH = 4  # steps from one depth to the next
 RISKY = 3.0  # times as much a design counts whose stability on the way is below STABILITY_AT_BRINK
@@ -297,8 +297,7 @@ def _longer(last: RodStop, depth: Depth) -> Array:
     """The quaternions (n + 1, 4) of a stop's rod with what has left the guide since, straight, at its base."""
     old = last.depth.place
     new = depth.place
-    at = new - (new[-1] - old[-1])
-    return unit(linear(at, old, last.q))
+    return unit(linear(new - (new[-1] - old[-1]), old, last.q))
 
 
 def search(

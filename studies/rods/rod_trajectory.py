@@ -21,7 +21,7 @@ from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.studies.problem.path import Path
-from magmpm.studies.search.parameters import across, unit
+from magmpm.studies.search.samplers.blocks import across, unit
 
 # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
 TRAJECTORY_ELEMENTS = 48

@@ -143,6 +143,11 @@ def write_best_scene(
     return path
 
 
+def _without(content: Mapping[str, Any], part: str, left_out: str) -> dict[str, Any]:
+    """A part of a file's content without one of its keys."""
+    return {key: value for key, value in content.get(part, {}).items() if key != left_out}
+
+
 def _add_schedule(
     content: dict[str, Any], study: Study, space: SearchSpace, found: Mapping[str, Any]
 ) -> None:
@@ -156,12 +161,11 @@ def _add_schedule(
     if study.hold > 0:
         times.append(times[-1] + study.hold)
         frames.append({"uniform": list(frames[-1]["uniform"]), "time": f"{times[-1]:.15g} s"})
-    field = {key: value for key, value in content.get("field", {}).items() if key != "uniform"}
+    field = _without(content, "field", "uniform")
     content["field"] = {**field, "over_time": {"keyframes": frames}}
     at = [a + (b - a) * i / 10 for a, b in itertools.pairwise(times) for i in range(10)]
-    solver = {key: value for key, value in content.get("solver", {}).items() if key != "static"}
     content["solver"] = {
-        **solver,
+        **_without(content, "solver", "static"),
         "quasi_static": {"at": [f"{time:.12g} s" for time in (*at, times[-1])]},
     }
 
@@ -214,8 +218,7 @@ def _add_push(
         {"time": f"{time:.9g} s", "uniform": [f"{1e3 * x:.12g} mT" for x in field]}
         for time, field in zip(reached, fields, strict=True)
     ]
-    effects = {key: value for key, value in content.get("effects", {}).items() if key != "feed"}
-    effects |= _moved_walls(whole, total - out)
+    effects = _without(content, "effects", "feed") | _moved_walls(whole, total - out)
     effects |= {
         "feed": {"speed": f"{1e3 * SPEED:g} mm/s", "exit": f"{1e3 * (total - out):.12g} mm"}
     }

@@ -24,39 +24,6 @@ TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.
 FIELD = ("field_mT", "field_azimuth_deg", "field_elevation_deg")
 
 
-def unit(vectors: Array) -> Array:
-    """Scale vectors to length 1.
-
-    Parameters
-    ----------
-    vectors : array (..., 3)
-        Of any lengths; zeros stay zeros.
-
-    Returns
-    -------
-    array (..., 3), no unit
-        The unit vectors.
-    """
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
-
-
-def across(units: Array) -> Array:
-    """Find two unit vectors across each of the given ones.
-
-    Parameters
-    ----------
-    units : array (..., 3), no unit
-        Unit vectors.
-
-    Returns
-    -------
-    array (..., 3, 2), no unit
-        The two as columns.
-    """
-    first = unit(np.cross(units, np.eye(3)[np.argmin(np.abs(units), axis=-1)]))
-    return np.stack([first, np.cross(units, first)], axis=-1)
-
-
 def corner_of(seed: int, corner: int) -> Array:
     """Find the direction of all segments in one of a study's first trials: a corner of a regular tetrahedron in a random orientation.
 

@@ -17,9 +17,8 @@ from magmpm.studies.problem.study import Study
 from magmpm.studies.search.parameters import (
     FieldVector,
     SegmentDirection,
-    across,
 )
-from magmpm.studies.search.samplers.blocks import Block
+from magmpm.studies.search.samplers.blocks import Block, across
 from magmpm.studies.search.search_space import SearchSpace
 
 # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of
@@ -217,5 +216,4 @@ def _steps(block: Block, x: Array) -> list[Array]:
     """The whole steps of a block at its embedded coordinates."""
     if isinstance(block, SegmentDirection):
         return list(across(x).T)
-    size = block.radius if isinstance(block, FieldVector) else 1.0
-    return list(size * np.eye(block.size))
+    return list((block.radius if isinstance(block, FieldVector) else 1.0) * np.eye(block.size))

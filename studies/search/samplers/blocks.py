@@ -21,6 +21,39 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+def unit(vectors: Array) -> Array:
+    """Scale vectors to length 1.
+
+    Parameters
+    ----------
+    vectors : array (..., 3)
+        Of any lengths; zeros stay zeros.
+
+    Returns
+    -------
+    array (..., 3), no unit
+        The unit vectors.
+    """
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+
+
+def across(units: Array) -> Array:
+    """Find two unit vectors across each of the given ones.
+
+    Parameters
+    ----------
+    units : array (..., 3), no unit
+        Unit vectors.
+
+    Returns
+    -------
+    array (..., 3, 2), no unit
+        The two as columns.
+    """
+    first = unit(np.cross(units, np.eye(3)[np.argmin(np.abs(units), axis=-1)]))
+    return np.stack([first, np.cross(units, first)], axis=-1)
+
+
 class Block(ABC):
     """Parameters that belong together.
 
@@ -225,14 +258,14 @@ class Direction(Block):
         return np.array([x, across * math.cos(turn), across * math.sin(turn)])
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
-        return _across(x), np.full(2, -math.pi), np.full(2, math.pi)
+        return across(x), np.full(2, -math.pi), np.full(2, math.pi)
 
     def moved(self, x: Array, p: Array) -> Array:
         # along a great circle
         angle = float(np.linalg.norm(p))
         if angle == 0.0:
             return x
-        there = math.cos(angle) * x + math.sin(angle) / angle * (_across(x) @ p)
+        there = math.cos(angle) * x + math.sin(angle) / angle * (across(x) @ p)
         return np.asarray(there / np.linalg.norm(there))
 
 
@@ -316,7 +349,7 @@ class Ball(Block):
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
         size = float(np.linalg.norm(x))
         outward = np.asarray(x / size) if size > 0.0 else np.array([1.0, 0.0, 0.0])
-        basis = self.radius * np.column_stack([outward, _across(outward)])
+        basis = self.radius * np.column_stack([outward, across(outward)])
         inside = size / self.radius
         return (
             basis,
@@ -383,12 +416,3 @@ class Number(Block):
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
         return np.eye(1), np.minimum(-x, 0.0), np.maximum(1.0 - x, 0.0)
-
-
-def _across(unit: Array) -> Array:
-    """Two unit vectors across a unit vector, (3, 2)."""
-    axis = np.zeros(3)
-    axis[int(np.argmin(np.abs(unit)))] = 1.0
-    first = np.cross(unit, axis)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(unit, first)])

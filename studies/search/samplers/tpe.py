@@ -24,7 +24,8 @@ from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.compiled.arrays import Array
 from magmpm.studies.search.objectives import ranked
-from magmpm.studies.search.parameters import TETRAHEDRON, corner_of, unit
+from magmpm.studies.search.parameters import TETRAHEDRON, corner_of
+from magmpm.studies.search.samplers.blocks import unit
 from magmpm.studies.search.samplers.optuna_ids import other_trials
 from magmpm.studies.search.search_space import SearchSpace
 
