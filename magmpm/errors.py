@@ -465,6 +465,22 @@ def shown_unit(label: str) -> tuple[str, float]:
     return f"{name} ({shown})", factor
 
 
+def unitless(label: str) -> str:
+    """Find a quantity's name without its unit.
+
+    Parameters
+    ----------
+    label : str
+        The quantity with its unit, `travel (m)`.
+
+    Returns
+    -------
+    str
+        The name.
+    """
+    return label.rpartition(" (")[0] or label
+
+
 def in_words(label: str, value: float) -> str:
     """Write a value as people read it: "2.55 mm".
 

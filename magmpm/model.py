@@ -365,8 +365,7 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
     made.grid.locate(
         made.particles.position, made.particles.cell
     )  # each in its cell: kernels do not look
-    named = _acting(scene, made.particles, time)
-    model = _filled(scene, shape, made, named, time)
+    model = _filled(scene, shape, made, _acting(scene, made.particles, time), time)
     effects.check(model)
     return model
 

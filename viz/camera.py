@@ -100,8 +100,7 @@ class Framing:
     def of_all(cls, framings: Sequence[Framing]) -> Framing:
         """Framing of all that is in view in any of the framings, seen from where the first is seen from."""
         points = np.vstack([f.points for f in framings])
-        margin = max(f.margin for f in framings)
-        return replace(framings[0], points=points, margin=margin)
+        return replace(framings[0], points=points, margin=max(f.margin for f in framings))
 
     @property
     def plane(self) -> Plane:

@@ -97,5 +97,4 @@ def floor_colors(has_ground: bool) -> tuple[str, str, str]:
 def nice_length(length: float) -> float:
     """The round number (1, 2 or 5 times a power of ten, in meters) nearest below length."""
     power = 10.0 ** np.floor(np.log10(length))
-    factor = max(f for f in (1.0, 2.0, 5.0) if f * power <= length * (1 + 1e-9))
-    return float(factor * power)
+    return float(max(f for f in (1.0, 2.0, 5.0) if f * power <= length * (1 + 1e-9)) * power)

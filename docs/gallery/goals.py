@@ -19,12 +19,14 @@ from typing import Any
 from build import BEGIN, END, replaced
 
 from magmpm.cli import main as magmpm
-from magmpm.errors import in_words, significant
+from magmpm.errors import in_words, significant, unitless
+from magmpm.inputs.settings import validate
 from magmpm.results.result import Result
-from magmpm.scene import load_scene
+from magmpm.scene import Scene, load_scene
 from magmpm.studies.goals import evaluate
 from magmpm.studies.goals.goal_file import SLSQP
 from magmpm.studies.goals.goal_study import load_goal
+from magmpm.studies.goals.measures import Measure
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs/images/gallery"
@@ -75,15 +77,16 @@ def in_motion(study: Path, out: Path, report: dict[str, Any], rate: float = 25.0
     measures = dict(found.measures)
     tip = Result.load(out / "best").tip
     if tip is not None:
-        measures["tip"] = {"distance": {"between": ["tip", tip.tolist()]}}
-    job = evaluate.Job(data, out / "motion", measures, study.parent)
-    moved = evaluate.numbers(job)
+        distance = {"between": ["tip", tip.tolist()]}
+        measures["tip"] = validate(Measure, {"distance": distance})
+    job = evaluate.Job(Scene.from_si(data), out / "motion", measures, study.parent)
+    moved = evaluate.tried(job)["values"]
     labels = {limit["at"]: limit["label"] for limit in report["limits"]}
     for k, goal in enumerate(found.file.goals):
         labels[f"goal[{k}].{goal.key}"] = goal.measure.label
     rest = report["best"]["measures"]
     rows = [
-        f"| {_name(label)} at rest, and where a motion ends "
+        f"| {unitless(label)} at rest, and where a motion ends "
         f"| {in_words(label, rest[at])}, {in_words(label, moved[at])} |\n"
         for at, label in labels.items()
     ]
@@ -101,7 +104,7 @@ def measured(report: dict[str, Any]) -> str:
     rows = [
         ("trials", f"{report['trials']}, the best is number {best['number']}"),
         ("a trial", f"{significant(report['seconds_per_trial'], 2)} s, {at_once} at a time"),
-        (_name(goal), in_words(goal, best["values"][0])),
+        (unitless(goal), in_words(goal, best["values"][0])),
     ]
     first = report["values"][0]
     if first is not None:
@@ -112,7 +115,7 @@ def measured(report: dict[str, Any]) -> str:
         rows.append((f"the best on {finer['cells_across']} cells across", said))
         rows += [
             (
-                f"{_name(limit['label'])} there",
+                f"{unitless(limit['label'])} there",
                 in_words(limit["label"], finer["measures"][limit["at"]]),
             )
             for limit in report["limits"]
@@ -127,10 +130,6 @@ def measured(report: dict[str, Any]) -> str:
         )
     lines = ["| measured | |", "| --- | --- |", *(f"| {name} | {said} |" for name, said in rows)]
     return "\n".join(lines) + "\n"
-
-
-def _name(label: str) -> str:
-    return label.rpartition(" (")[0] or label
 
 
 if __name__ == "__main__":

@@ -304,8 +304,7 @@ class Parts(BodyShape):
         return (0.0 if far[nearest] <= unit * small else far[nearest]), free[nearest]
 
     def hollow_parts(self) -> list[str]:
-        names = self.part_names()
-        return [names[k] for k in hollow([part.mesh for part in self.meshes])]
+        return [self.part_names()[k] for k in hollow([part.mesh for part in self.meshes])]
 
     def part_names(self) -> tuple[str, ...]:
         return different_names([part.name for part in self.meshes])
@@ -437,8 +436,7 @@ class Parts(BodyShape):
         if knots.at_rest:
             pairs = list(zip(triangles, held, strict=True))
             free = [mesh for mesh, still in pairs if not still]
-            holding = [mesh for mesh, still in pairs if still]
-            axes = axes_of_parts(free, holding, size)
+            axes = axes_of_parts(free, [mesh for mesh, still in pairs if still], size)
         grid, planes = grid_of_parts([mesh @ axes for mesh in triangles], held, size)
         return TurnedGrid(grid.origin, grid.spacing, grid.cells, axes=axes), planes
 

@@ -152,8 +152,7 @@ def parts_surface(parts: list[Array], cell: float) -> SurfacePoints:
     """Points on the surfaces of parts (each (f, 3, 3) m), in cells of this width (m)."""
     longest_edge = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
     found = [mesh_surface(triangles, longest_edge * cell) for triangles in parts]
-    region = np.repeat(np.arange(len(found)), [len(area) for _, area in found])
-    return _joined(found, region)
+    return _joined(found, np.repeat(np.arange(len(found)), [len(area) for _, area in found]))
 
 
 def _joined(faces: list[tuple[Array, Array]], region: Index | None = None) -> SurfacePoints:

@@ -437,5 +437,4 @@ def _draw_movie(
         note(f"drawing insertion.mp4, frame {number + 1} of {len(moments)}")
         return renderer.image(moments[number], framing=framing)
 
-    made = frames_movie(out / "insertion.mp4", image, numbers)
-    return [Path(made.path)]
+    return [Path(frames_movie(out / "insertion.mp4", image, numbers).path)]

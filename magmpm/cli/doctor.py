@@ -330,8 +330,7 @@ def _room() -> Iterator[Check]:
             remedy,
         )
     else:
-        files = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
-        size = sum(files)
+        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
         kernels = sum(1 for path in folder.rglob("*.nbc"))
         found = f"{folder}: {kernels} kernels, {size / 1e6:.0f} MB"
         if not kernels:

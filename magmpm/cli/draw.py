@@ -144,8 +144,7 @@ def _numbers(text: str | None, count: int) -> Sequence[int]:
     if text == "all":
         return range(count)
     try:
-        numbers = [int(part) for part in text.split(",")]
-        return [range(count)[k] for k in numbers]
+        return [range(count)[int(part)] for part in text.split(",")]
     except ValueError:
         raise InputError(
             f"--frames: received {text!r}; must be `all` or whole numbers separated by commas, "

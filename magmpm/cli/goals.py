@@ -57,8 +57,7 @@ def design_for_goal(options: argparse.Namespace) -> int:
         f"  more             magmpm report {shlex.quote(str(out))}, or magmpm dashboard of "
         "the same folder"
     )
-    summary = {**report.summary(), "files": files}
-    print(json.dumps(summary) if options.json else "\n".join(said))
+    print(json.dumps({**report.summary(), "files": files}) if options.json else "\n".join(said))
     if report.ended == "interrupted":
         return 1
     return 0 if report.best is not None else 3
@@ -209,7 +208,7 @@ def _values(text: str) -> tuple[str, list[Any]]:
     """An address and its values, from ADDRESS=V1,V2. Raises InputError."""
     address, _, listed = text.partition("=")
     try:
-        values = [read_value(one) for one in _divided(listed)] if listed else []
+        values = read_value(f"[{listed}]")
     except ValueError:
         values = []
     if not address.strip() or not values:
@@ -222,22 +221,10 @@ def _values(text: str) -> tuple[str, list[Any]]:
     return address.strip(), values
 
 
-def _divided(text: str) -> list[str]:
-    """Text between commas that stand in no brackets."""
-    parts, depth = [""], 0
-    for sign in text:
-        depth += (sign in "[{") - (sign in "]}")
-        if sign == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += sign
-    return parts
-
-
 def _measure(text: str) -> Any:
     """A measure: its name, or its settings as YAML. Raises InputError."""
     try:
-        return read_value(text) if text.lstrip().startswith("{") else text
+        return read_value(text)
     except ValueError:
         raise InputError(
             "--measure",

@@ -50,8 +50,7 @@ def command(options: argparse.Namespace) -> int:
     goal = saved_goal(folder)
     if goal is not None:
         with folder_lock(out):
-            text = page_of_goal(folder, goal)
-            made = saved_page(text, out, pdf=not options.no_pdf)
+            made = saved_page(page_of_goal(folder, goal), out, pdf=not options.no_pdf)
         return _told(options, {**made, "best": goal["best"]})
     report = saved_report(folder)
     if options.motion and not {"insertion", "schedule"} & (report.get("best") or {}).keys():

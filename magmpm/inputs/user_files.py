@@ -60,8 +60,7 @@ def _near(file: Path) -> list[Path]:
 
 def _allowed_by_name() -> list[Path]:
     """Folders that the user, or who set magmpm up, has named."""
-    checkout = Path(__file__).resolve().parents[2]
-    found = [checkout / "data"]
+    found = [Path(__file__).resolve().parents[2] / "data"]
     found += [
         Path(name).resolve() for name in os.environ.get(VARIABLE, "").split(os.pathsep) if name
     ]

@@ -87,8 +87,7 @@ def read_yaml(path: Path | str) -> Document:
         received = "a list" if isinstance(root, yaml.SequenceNode) else show(str(root.value))
         raise InputError(f"{path}:1", received=received, rule=_RULE, remedy=_START)
     builder = _Builder(path, loader)
-    data = builder.mapping(root, ())
-    return Document(data, path, builder.lines)
+    return Document(builder.mapping(root, ()), path, builder.lines)
 
 
 def read_value(text: str) -> Any:

@@ -60,8 +60,7 @@ def region_means(model: Model, values: Array) -> Array:
         A row for each region, in the values' unit.
     """
     particles = model.particles
-    count = len(model.scene.regions())
-    share = np.zeros((count, len(values)))
+    share = np.zeros((len(model.scene.regions()), len(values)))
     share[particles.segment, np.arange(len(values))] = particles.volume
     share /= share.sum(axis=1, keepdims=True)
     return share @ values

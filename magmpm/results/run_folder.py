@@ -70,8 +70,7 @@ class RunFolder:
 
     def holding(self) -> str:
         """Describe the files there that a run would replace; "" if none."""
-        path = self.path / EARLIER if (self.path / EARLIER).is_dir() else self.path
-        words = _described(path)
+        words = _described(self.path / EARLIER if (self.path / EARLIER).is_dir() else self.path)
         if any((self.path / name).exists() for name in (*PICTURES, FRAMES)):
             words = f"{words}, with its pictures" if words else "pictures of an earlier result"
         holder = self._holder()

@@ -248,8 +248,7 @@ def _open_for_growth(path: Path) -> Any:
     Between `h5py.File(path, "r+")` and `swmr_mode = True` the file would be marked as open in another mode, and a run killed there would
     leave a file that nothing can open.
     """
-    flags = h5py.h5f.ACC_RDWR | h5py.h5f.ACC_SWMR_WRITE
-    return h5py.h5f.open(bytes(path), flags, _access())
+    return h5py.h5f.open(bytes(path), h5py.h5f.ACC_RDWR | h5py.h5f.ACC_SWMR_WRITE, _access())
 
 
 def _access() -> Any:

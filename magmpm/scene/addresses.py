@@ -58,14 +58,14 @@ def places(scene: Scene, address: str) -> list[Place]:
     InputError
         Where the scene has nothing there.
     """
-    parts = _parts(address)
-    found = list(_expanded(scene.to_si(), parts, ()))
+    found = list(_expanded(scene.to_si(), _parts(address), ()))
     if not found:
-        known = sorted(
-            {re.sub(r"\[\d+\]", "[*]", written(leaf)) for leaf in _leaves(scene.to_si())}
-        )
-        near = get_close_matches(re.sub(r"\[\d+\]", "[*]", address), known, cutoff=0.5)
-        near = [_indexed(name, address, scene) for name in near]
+        index = re.compile(r"\[\d+\]")
+        known = {
+            name if index.findall(name) == index.findall(address) else index.sub("[*]", name)
+            for name in map(written, _leaves(scene.to_si()))
+        }
+        near = get_close_matches(address, sorted(known), cutoff=0.5)
         raise InputError(
             address,
             received="an address",
@@ -107,17 +107,6 @@ def check_apart(named: Iterable[tuple[str, Iterable[Place]]], at: str) -> None:
                         remedy="leave one of them out",
                     )
             seen[place] = name
-
-
-def _indexed(name: str, address: str, scene: Scene) -> str:
-    """A name with the indices of an address in place of [*], where both have them at the same keys, and the scene has something there."""
-    if [part.count("[") for part in name.split(".")] != [
-        part.count("[") for part in address.split(".")
-    ]:
-        return name
-    indices = iter(re.findall(r"\[[^\]]*\]", address))
-    found = re.sub(r"\[\*\]", lambda _: next(indices), name)
-    return found if any(_expanded(scene.to_si(), _parts(found), ())) else name
 
 
 def value_at(scene: Scene, place: Place, *, units: bool = False) -> Any:

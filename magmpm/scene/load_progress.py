@@ -24,8 +24,7 @@ def now() -> LoadStep | None:
 @contextmanager
 def load_step(reached: float, sought: float) -> Iterator[None]:
     """A context in which a solve goes from one share of the load to another."""
-    whole = reached == 0.0 and sought == 1.0
-    token = _step.set(None if whole else LoadStep(reached, sought))
+    token = _step.set(None if (reached == 0.0 and sought == 1.0) else LoadStep(reached, sought))
     try:
         yield
     finally:

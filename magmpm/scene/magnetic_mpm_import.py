@@ -91,8 +91,7 @@ def import_robot(
     """
     path = Path(robot_file)
     target = Path(scene_file)
-    robot = validate(Robot, read_yaml(path))
-    text, warnings = _scene_text(path, robot, target)
+    text, warnings = _scene_text(path, validate(Robot, read_yaml(path)), target)
     allow(
         path.parent / "meshes"
     )  # the user has named the robot: its scene may name its meshes, wherever it is kept

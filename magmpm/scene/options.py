@@ -133,8 +133,7 @@ class Dynamic(Settings):
     def frame_times(self) -> list[float]:
         """Times of the frames after the first, s: every `output_every`, and the end."""
         every = self.frame_interval
-        count = int(self.duration / every * (1 + 1e-12))
-        times = [k * every for k in range(1, count + 1)]
+        times = [k * every for k in range(1, int(self.duration / every * (1 + 1e-12)) + 1)]
         return (
             times if times and times[-1] > self.duration * (1 - 1e-9) else [*times, self.duration]
         )

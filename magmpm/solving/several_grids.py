@@ -443,8 +443,7 @@ def notes_before(scene: Scene) -> list[str]:
     too_much = overloaded(scene)
     kink = None if too_much else kink_warning(scene)
     cost = cost_in_words(scene) if scene.resolution.requested else ""
-    warned = [f"warning: {one}" for one in (*too_much, kink) if one]
-    return [*warned, *([cost] if cost else [])]
+    return [*[f"warning: {one}" for one in (*too_much, kink) if one], *([cost] if cost else [])]
 
 
 def cost_in_words(scene: Scene) -> str:

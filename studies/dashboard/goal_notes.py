@@ -7,7 +7,7 @@ from typing import Any
 
 from optuna.trial import FrozenTrial, TrialState
 
-from magmpm.errors import in_words
+from magmpm.errors import in_words, unitless
 from magmpm.studies.dashboard.view import MARK, Notes, plain
 from magmpm.studies.goals.report import PICTURES, REPORT
 from magmpm.studies.search.samplers.optuna_ids import study_id
@@ -21,7 +21,7 @@ class GoalNotes(Notes):
 
     def _of_study(self, pictures: Mapping[str, str]) -> str:
         report = self._report()
-        goals = ", ".join(f"`{plain(_unitless(goal))}`" for goal in report.get("goals", ()))
+        goals = ", ".join(f"`{plain(unitless(goal))}`" for goal in report.get("goals", ()))
         limits = [_limit(limit) for limit in report.get("limits", ())]
         lines = [
             f"{MARK}{plain(self.study.study_name)}",
@@ -61,9 +61,4 @@ class GoalNotes(Notes):
 
 def _limit(limit: dict[str, Any]) -> str:
     """A constraint in words."""
-    return f"{_unitless(limit['label'])} {limit['bounds']}"
-
-
-def _unitless(label: str) -> str:
-    """A quantity's name without its SI unit."""
-    return label.rpartition(" (")[0] or label
+    return f"{unitless(limit['label'])} {limit['bounds']}"

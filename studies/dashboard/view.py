@@ -133,8 +133,7 @@ class Notes:
         return known
 
     def _of_study(self, pictures: Mapping[str, str]) -> str:
-        attributes = self.study.user_attrs
-        definition = attributes.get("definition", {})
+        definition = self.study.user_attrs.get("definition", {})
         vary = ", ".join(definition.get("vary", {})) or "nothing"
         report = self._report()
         lines = [

@@ -641,8 +641,7 @@ class InsertionTrajectory(Trajectory):
         dict[str, Any]
             All parameters.
         """
-        directions = self.directions_alone().directions(chosen)
-        fitted = self.rods.rods.fitted(self.path, directions)
+        fitted = self.rods.rods.fitted(self.path, self.directions_alone().directions(chosen))
         mended = None if fitted.state is None else self.rods.mended(fitted, turning=False)
         return {**self.parameters(mended or fitted), **chosen}
 

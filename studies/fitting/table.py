@@ -510,58 +510,65 @@ def _kind(header: CsvLine, columns: list[_Column]) -> str:
 def _fit_together(header: CsvLine, named: set[str], scene: Scene, kind: str) -> None:
     """Raises TableError where the columns do not suit each other, or the scene."""
     fields = {name for name in named if name.startswith("field")}
-    if "field" in fields and len(fields) > 1:
-        raise header.error(
+    angles = named & set(ANGLES)
+    parts = scene.body.parts
+    axis = scene.body.shape.line is not None
+    apart = (
+        (
+            "field" in fields and len(fields) > 1,
             "the field is given by its strength (field_mT) or by components",
             "remove field_mT, or the components",
-        )
-    if fields and not scene.effects.in_a_field:
-        raise header.error(
+        ),
+        (
+            fields and not scene.effects.in_a_field,
             "the scene names no effect of the field",
             "name one in the scene, `magnetic_torque: {}`, or remove the columns",
-        )
-    if "field" in fields and not any(scene.field.uniform):
-        raise header.error(
+        ),
+        (
+            "field" in fields and not any(scene.field.uniform),
             "field_mT is along the scene's uniform field, and it has none",
             "write field_x_mT, field_y_mT, field_z_mT instead",
-        )
-    if "t" in named and not scene.in_time:
-        raise header.error(
+        ),
+        (
+            "t" in named and not scene.in_time,
             "the scene is an equilibrium, which has no time",
             "write `solver: {dynamic: {duration: ...}}` in the scene, or remove t",
-        )
-    if scene.in_time and "t" not in named:
-        raise header.error(
+        ),
+        (
+            scene.in_time and "t" not in named,
             "the scene runs along time, so the table must say when",
             "add the column t_ms, or make the scene an equilibrium: `solver: {static: {}}`",
-        )
-    if fields and scene.in_time:
-        raise header.error(
+        ),
+        (
+            fields and scene.in_time,
             "in runs along time the scene sets the field",
             "write the field's schedule in the scene, and remove the columns",
-        )
-    check_apparatus(header, named, scene)
-    if len(angles := named & set(ANGLES)) > 1:
-        raise header.error(
+        ),
+        (
+            len(angles) > 1,
             "a row has one angle of the tip",
             "remove the others, or make two tables of it",
-            ", ".join(sorted(angles)),
-        )
-    if kind == "tips" and scene.body.parts is not None and scene.body.parts.tip is None:
-        raise header.error(
+        ),
+        (
+            kind == "tips" and parts is not None and parts.tip is None,
             "parts have no tip unless the scene names one",
             "name a part or a point, say `tip: arm` in body.parts",
-        )
-    if kind != "tips" and scene.body.shape.line is None:
-        raise header.error(
+        ),
+        (
+            kind != "tips" and not axis,
             f"a body of {scene.body.kind} has no axis to mark points on",
             "measure its tip: tip_x_mm ...",
-        )
-    if angles and scene.body.shape.line is None:
-        raise header.error(
+        ),
+        (
+            angles and not axis,
             f"a body of {scene.body.kind} has no axis, so its tip has no angle",
             "measure the tip's place: tip_x_mm ...",
-        )
+        ),
+    )
+    for broken, rule, remedy in apart:
+        if broken:
+            raise header.error(rule, remedy)
+    check_apparatus(header, named, scene)
 
 
 def _row(

@@ -191,8 +191,7 @@ class Answer:
         """Force (k, 3) N of a contact, named as in contacts.csv, at each moment of what runs along time, or (1, 3) at rest."""
         if self.motion is None:
             assert self.result is not None
-            found = self.result.contacts.get(of, {})
-            return np.array([found.get("force", np.zeros(3))])
+            return np.array([self.result.contacts.get(of, {}).get("force", np.zeros(3))])
         out = np.zeros((len(self.times), 3))
         rows = self.motion.contacts.get(of)  # of parts while they touch, of what is fed once it can
         if rows is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,8 +14,7 @@ from typing import Any
 
 from magmpm.compiled.process import Died, Process, threads_each, with_threads
 from magmpm.errors import InputError, MagmpmError, in_one_line
-from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
-from magmpm.inputs.settings import validate
+from magmpm.inputs import quantities
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.studies.goals import Bounds, Plain
@@ -28,71 +27,33 @@ Progress = Callable[[int, float], None]  # called with the number of a step, and
 
 @dataclass(frozen=True)
 class Job:
-    """A scene, the folder of its run, measures by name as plain data, the folder of users' functions, and the least and the
+    """A scene, the folder of its run, measures by name, the folder of users' functions, and the least and the
     greatest value (SI) of measures that are bounded."""
 
     scene: Scene
     folder: Path
-    measures: dict[str, Plain]
+    measures: dict[str, Measure]
     functions: Path
     bounds: dict[str, Bounds] = field(default_factory=dict)
 
 
-class Unmeasured(MagmpmError):
-    """A scene of which not all measures are known; numbers: those that are."""
-
-    def __init__(self, why: str, numbers: Plain) -> None:
-        super().__init__(why)
-        self.numbers = numbers
-
-
-class BeyondBounds(Unmeasured):
-    """A scene that breaks a bound whatever its answer is."""
-
-
-def scale_of(bounds: Bounds) -> float:
-    """Return the larger bound, SI; 1 of a bound of 0 alone."""
-    return max(abs(one) for one in bounds if one is not None) or 1.0
-
-
-def beyond(value: float, bounds: Bounds) -> list[float]:
-    """Return how far a value is beyond each of its bounds, as a share of the larger one: at most 0 where it keeps it. Beside a bound of 0
-    alone, in SI."""
+def beyond(value: float, bounds: Bounds, scale: float | None = None) -> list[float]:
+    """Return how far a value is beyond each of its bounds, in `scale`, SI: unless given as a share of the larger one; at most 0 where it
+    keeps it. Beside a bound of 0 alone, in SI."""
     least, greatest = bounds
-    scale = scale_of(bounds)
+    scale = scale or max(abs(one) for one in bounds if one is not None) or 1.0
     found = [] if least is None else [(least - value) / scale]
     return found if greatest is None else [*found, (value - greatest) / scale]
 
 
-def numbers(job: Job, on_progress: Progress | None = None) -> dict[str, float]:
-    """The measures of a run, in SI. Raises MagmpmError where it fails, with the reason; BeyondBounds where it need not be run."""
-    scene = job.scene
-    early = Answer(scene, None)
-    known = {
-        name: measured(job.measures[name], early, name, job.functions)
-        for name in job.bounds
-        if validate(Measure, job.measures[name]).before(scene)
-    }
-    if any(max(beyond(value, job.bounds[name])) > 0.0 for name, value in known.items()):
-        raise BeyondBounds("a bound is broken, whatever the answer is", known)
-    found = all_measured(job, answered(scene, job.folder, on_progress))
-    if WHY in found:
-        raise Unmeasured(found.pop(WHY), found)
-    return found
-
-
-def all_measured(job: Job, answer: Answer) -> Plain:
-    """The measures of an answer, as `known`."""
-    return known(
-        {
-            name: partial(measured, data, answer, name, job.functions)
-            for name, data in job.measures.items()
-        }
-    )
+def all_measured(job: Job, answer: Answer, names: Iterable[str]) -> Plain:
+    """Measures of an answer, as `known`."""
+    of = {at: job.measures[at].of_answer for at in names}
+    return known({at: partial(measure, answer, at, job.functions) for at, measure in of.items()})
 
 
 def known(measures: Mapping[str, Callable[[], float]]) -> Plain:
-    """What measures give, by name, and in `failed` why the others give nothing."""
+    """Collect what measures give, by name, and in `failed` why the others give nothing."""
     found: Plain = {}
     missing = []
     for name, measure in measures.items():
@@ -101,11 +62,6 @@ def known(measures: Mapping[str, Callable[[], float]]) -> Plain:
         except MagmpmError as error:
             missing.append(in_one_line(error))
     return {**found, WHY: "; ".join(missing)} if missing else found
-
-
-def measured(data: Mapping[str, Any], answer: Answer, at: str, functions: Path) -> float:
-    """A measure, as plain data, of an answer. Raises MagmpmError."""
-    return validate(Measure, data).of_answer(answer, at, functions)
 
 
 def answered(scene: Scene, folder: Path | None, on_progress: Progress | None = None) -> Answer:
@@ -117,13 +73,18 @@ def answered(scene: Scene, folder: Path | None, on_progress: Progress | None = N
 
 
 def tried(job: Job, on_progress: Progress | None = None) -> Plain:
-    """`numbers` as {"values": ...}, {"beyond": ...} or {"failed": reason, "known": ...}."""
+    """The measures of a run, in SI, as {"values": ...}; {"beyond": ...} of one that breaks a bound whatever its answer is, with those that
+    are known; or {"failed": reason, "known": ...}."""
+    scene = job.scene
+    early = [at for at in job.bounds if job.measures[at].before(scene)]
+    found = all_measured(job, Answer(scene, None), early)
+    if any(max(beyond(found[at], job.bounds[at])) > 0.0 for at in early if at in found):
+        return {"beyond": found}
     try:
-        return {"values": numbers(job, on_progress)}
-    except BeyondBounds as found:
-        return {"beyond": found.numbers}
+        found = all_measured(job, answered(scene, job.folder, on_progress), job.measures)
     except MagmpmError as error:
-        return {WHY: in_one_line(error), "known": getattr(error, "numbers", {})}
+        found = {WHY: in_one_line(error)}
+    return {WHY: found.pop(WHY), "known": found} if WHY in found else {"values": found}
 
 
 class Processes(ThreadPoolExecutor):
@@ -185,10 +146,7 @@ def in_si(value: Any, measure: Measure, at: str) -> float | None:
                 remedy="write a number",
             )
         return float(value)
-    try:
-        return parse_quantity(str(value), KINDS[measure.kind])
-    except BadQuantity as error:
-        raise InputError(at, received=repr(value), rule=error.rule, remedy=error.remedy) from None
+    return quantities.in_si(str(value), measure.kind, at)
 
 
 def forget(folder: Path) -> None:

@@ -12,6 +12,7 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from magmpm.inputs.settings import Settings, fault, write_json_schema
 from magmpm.studies.goals.measures import Measure
+from magmpm.studies.problem.study_file import Search
 from magmpm.studies.problem.variables import (
     LENGTH,
     ORDER,
@@ -123,10 +124,9 @@ class Constraint(Measure):
         return self
 
 
-class GoalFile(Settings):
+class GoalFile(Search):
     """A study of anything: the scene, what is varied, what is sought, and how."""
 
-    scene: str = Field(min_length=1, description="Path of the scene, relative to this file.")
     vary: VaryAnything = Field(description="What trials change.")
     goal: Annotated[
         Annotated[Goal, Tag("one")]
@@ -147,9 +147,6 @@ class GoalFile(Settings):
             "Whether motions that do worse than half of those before at the same time are ended."
         ),
     )
-    trials: int = Field(
-        default=35, strict=True, ge=1, le=1_000_000, description="Total number of trials."
-    )
     sampler: str | None = Field(
         default=None,
         description=(
@@ -158,7 +155,6 @@ class GoalFile(Settings):
         ),
         examples=["tpe"],
     )
-    seed: int = Field(default=1, strict=True, ge=0, le=2**32 - 1, description="Of the sampler.")
 
     @property
     def goals(self) -> tuple[Goal, ...]:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from magmpm.errors import InputError, dotted, in_words, shown_unit
+from magmpm.errors import InputError, in_words, shown_unit, undotted
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, read_yaml
@@ -24,9 +22,10 @@ from magmpm.studies.goals import Bounds, Plain, evaluate
 from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile, VaryAnything
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.own_function import function_of, source_of
+from magmpm.studies.problem.variables import Vary
 from magmpm.studies.search.knobs import Knob, Turning, knobs
-from magmpm.studies.search.scene_edits import segment_knobs
-from magmpm.studies.search.study_checks import segments_fault
+from magmpm.studies.search.search_space import segments
+from magmpm.studies.search.study_checks import check_numbers
 
 
 @dataclass(frozen=True)
@@ -42,16 +41,11 @@ class GoalStudy:
     bounds: tuple[Bounds, ...]  # SI, of each constraint: least, greatest
 
     @property
-    def measures(self) -> dict[str, Plain]:
+    def measures(self) -> dict[str, Measure]:
         """Every measure by its place in the file."""
-        found = {
-            f"goal[{k}].{goal.key}": goal.measure.model_dump(by_alias=True, exclude={"value"})
-            for k, goal in enumerate(self.file.goals)
-        }
-        for k, one in enumerate(self.file.subject_to):
-            plain = one.model_dump(by_alias=True, exclude={"at_most", "at_least"})
-            found[f"subject_to[{k}]"] = plain
-        return found
+        goals = enumerate(self.file.goals)
+        found = {f"goal[{k}].{goal.key}": goal.measure for k, goal in goals}
+        return found | {f"subject_to[{k}]": one for k, one in enumerate(self.file.subject_to)}
 
     @cached_property
     def rough(self) -> str | None:
@@ -62,7 +56,7 @@ class GoalStudy:
             check_differentiable(self.scene, fed=True)
         except InputError:
             return "motions, paths with friction and streams at rest have no derivatives"
-        measures = {at: validate(Measure, data) for at, data in self.measures.items()}
+        measures = self.measures
         rough = [knob.name for knob in self.knobs if not self._has_derivative(knob)]
         rough += [at for at, measure in measures.items() if not measure.smooth(self.scene)]
         if (
@@ -98,8 +92,7 @@ class GoalStudy:
             return self.file.sampler
         if self.rough is not None:
             return "tpe"
-        targets = self.file.targets_alone and not self.file.subject_to
-        return GAUSS_NEWTON if targets else SLSQP
+        return GAUSS_NEWTON if (self.file.targets_alone and not self.file.subject_to) else SLSQP
 
     @property
     def why_sampler(self) -> str | None:
@@ -132,29 +125,35 @@ class GoalStudy:
         """Each value of a trial as it is shown and told, and the factor from SI."""
         return [shown_unit(name.partition(" ")[2]) for name in self.names]
 
-    @property
-    def limits(self) -> list[Plain]:
-        """Each constraint, and each of several targets: its place in the file, its label, and its bounds in words."""
+    def limits(self, numbers: Mapping[str, float]) -> list[Plain]:
+        """Each constraint, and each of several targets: its place in the file, its label, its bounds, and in words, where it is known, its
+        value and by how much that misses its bounds."""
         found = []
         for goal, at, target in zip(self.file.goals, self.measures, self.targets, strict=False):
             if self.file.together and target is not None:
                 label = goal.measure.full_label
                 said = f"target {in_words(label, target)}"
-                found.append({"at": at, "label": label, "bounds": said})
+                found.append({"at": at, "label": label, "bounds": said, "missed": ""})
         for one, (at, bounds) in zip(self.file.subject_to, self.bounded.items(), strict=True):
             both = [
                 f"{sign} {in_words(one.label, bound)}"
                 for sign, bound in zip(("at least", "at most"), bounds, strict=True)
                 if bound is not None
             ]
-            found.append({"at": at, "label": one.full_label, "bounds": ", ".join(both)})
+            over = max(evaluate.beyond(numbers[at], bounds, 1.0)) if at in numbers else 0.0
+            missed = f", missed by {in_words(one.label, over)}" if over > 0.0 else ""
+            said = ", ".join(both)
+            found.append({"at": at, "label": one.full_label, "bounds": said, "missed": missed})
+        for limit in found:
+            value = numbers.get(limit["at"])
+            limit["value"] = "" if value is None else in_words(limit["label"], value)
         return found
 
     @property
     def definition(self) -> str:
         """All that decides which trials are made and what they are worth."""
         said = self.file.model_dump(mode="json", exclude={"trials", "scene"}, exclude_defaults=True)
-        named = sorted({of["python"] for of in self.measures.values() if of["python"]})
+        named = sorted({of.python for of in self.measures.values() if of.python})
         said["functions"] = [source_of(text, self.path.parent) for text in named]
         return json.dumps({"scene": self.scene.hash(), **said}, sort_keys=True, default=str)
 
@@ -174,20 +173,12 @@ class GoalStudy:
         ]
         if self.file.together:
             values = [float(np.sqrt(np.mean(np.square(values))))]
-        return values, list(chain.from_iterable(self.beyond(numbers).values()))
+        return values, self.beyond(numbers)
 
-    def beyond(self, numbers: Mapping[str, float]) -> dict[str, list[float]]:
-        """How far each constraint whose measure is known is beyond its bounds (`evaluate.beyond`)."""
-        known = {at: of for at, of in self.bounded.items() if at in numbers}
-        return {at: evaluate.beyond(numbers[at], of) for at, of in known.items()}
-
-    def missed(self, numbers: Mapping[str, float]) -> dict[str, float]:
-        """By how much, in SI, the constraints that are not kept miss their bounds."""
-        return {
-            at: max(shares) * evaluate.scale_of(self.bounded[at])
-            for at, shares in self.beyond(numbers).items()
-            if max(shares) > 0.0
-        }
+    def beyond(self, numbers: Mapping[str, float]) -> list[float]:
+        """Find how far constraints whose measures are known are beyond each of their bounds (`evaluate.beyond`)."""
+        known = [(numbers[at], bounds) for at, bounds in self.bounded.items() if at in numbers]
+        return [one for value, bounds in known for one in evaluate.beyond(value, bounds)]
 
 
 def has_goal(path: Path | str) -> bool:
@@ -205,23 +196,24 @@ def load_goal(path: Path | str) -> GoalStudy:
             f"{document.path}: scene", received=str(scene_file), rule=RULE, remedy=REMEDY
         )
     scene = load_scene(scene_file)
+    turned = []
+    if file.vary.length is not None or file.vary.order is not None:
+        vary = Vary(length=file.vary.length, order=file.vary.order)
+        check_numbers(scene, vary, file.sampler, document)
+        turned.append(segments(scene, vary))
     try:
-        return _checked(document, file, scene)
+        return _checked(document, file, scene, turned)
     except InputError as error:
         raise InputError(f"{document.path}{_line(document, str(error))}: {error}") from None
 
 
 def _line(document: Document, message: str) -> str:
     """`:LINE` of the key with which a message begins, or of what is around it; "" for a key that the file has not."""
-    key, _, _ = message.partition(":")
-    named = [int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]\s]+", key)]
+    named = list(undotted(message.partition(":")[0]))
     if named[:1] == ["goal"] and isinstance(document["goal"], dict):
         del named[1]  # one goal is no list
-    for count in range(len(named), 0, -1):
-        line = document.lines.get(tuple(named[:count]))
-        if line is not None:
-            return f":{line}"
-    return ""
+    around = (tuple(named[:count]) for count in range(len(named), 0, -1))
+    return next((f":{document.lines[key]}" for key in around if key in document.lines), "")
 
 
 def _directions(vary: VaryAnything, scene: Scene) -> list[Knob]:
@@ -246,7 +238,7 @@ def _directions(vary: VaryAnything, scene: Scene) -> list[Knob]:
     ]
 
 
-def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
+def _checked(document: Document, file: GoalFile, scene: Scene, turned: Sequence[Knob]) -> GoalStudy:
     targets = tuple(
         evaluate.in_si(goal.target.value, goal.target, f"goal[{k}].target.value")
         if goal.target is not None
@@ -269,23 +261,19 @@ def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
                 rule="at_least must be below at_most",
                 remedy="exchange or correct them",
             )
-    fault = segments_fault(scene, file.vary.length, file.vary.order, file.sampler)
-    if fault is not None:
-        raise InputError(dotted(fault[0]), received=fault[1], rule=fault[2], remedy=fault[3])
-    segments = segment_knobs(file.vary.length, file.vary.order, scene)
     study = GoalStudy(
         document.path,
         document.path.stem,
         file,
         scene,
-        knobs(file.vary.numbers or (), scene, [*_directions(file.vary, scene), *segments]),
+        knobs(file.vary.numbers or (), scene, [*_directions(file.vary, scene), *turned]),
         targets,
         bounds,
     )
-    for at, data in study.measures.items():
-        validate(Measure, data).check_moments(scene, at)
-        if data.get("python"):
-            function_of(data["python"], document.path.parent, at)
+    for at, measure in study.measures.items():
+        measure.check_moments(scene, at)
+        if measure.python:
+            function_of(measure.python, document.path.parent, at)
     if file.sampler in (SLSQP, GAUSS_NEWTON) and study.rough is not None:
         raise InputError(
             "sampler",

@@ -342,8 +342,7 @@ class ContactForce(Smooth):
     def _forces(self, answer: Answer, at: str) -> Array:
         """Force (k, 3) N at each moment."""
         names = self.named(answer.scene, at)
-        each = [sign * answer.pushes(name) for name, sign in names.items()]
-        return np.sum(each, axis=0)
+        return np.sum([sign * answer.pushes(name) for name, sign in names.items()], axis=0)
 
     def _counted(self, answer: Answer, sizes: Array) -> tuple[Index, Array]:
         """Numbers (k,) of the moments that count, and by how much (k,): in a mean by their share of the time."""
@@ -596,22 +595,20 @@ class Measure(Settings):
                         remedy="name `effects: {feed: ...}` in the scene, or give `at` a time",
                     )
                 value = time_of(scene, value)
-            times = scene.path_times() or ([0.0, scene.duration] if scene.in_time else [])
-            near = min(times, key=lambda time: abs(time - value), default=None)
-            along = scene.solver.quasi_static is not None
-            off = math.inf if near is None else abs(near - value)
-            if off <= 1e-6 * max(times, default=0.0) or (
-                not along and value <= max(times, default=-1.0)
-            ):
-                continue
-            if near is None:
+            received = quantity(value, "s")
+            if not scene.in_time:
                 raise InputError(
                     place,
-                    received=quantity(value, "s"),
+                    received=received,
                     rule="an equilibrium has no times",
                     remedy="leave it out",
                 )
-            received = quantity(value, "s")
+            times = scene.path_times() or [0.0, scene.duration]
+            near = min(times, key=lambda time: abs(time - value))
+            along = scene.solver.quasi_static is not None
+            last = max(times)
+            if abs(near - value) <= 1e-6 * last or (not along and value <= last):
+                continue
             nearest = quantity(near, "s")
             if key == "inserted":
                 received = f"{length(asked)}, out of the guide at {received}"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from magmpm.errors import in_words, significant
+from magmpm.errors import in_words, significant, unitless
 from magmpm.results.file_names import MOMENTS, MOVIE, PICTURE
 from magmpm.studies.goals import Plain
 
@@ -26,10 +26,10 @@ PICTURES = (
 class GoalReport:
     """Findings of a search.
 
-    goals: each in words, with its SI unit; limits: of measures, by their places in the file; values: of each trial, SI, None where it has
-    none, and `ends` says why: done, failed, pruned or not run; feasible: whether each keeps the limits; best: number, values, measures,
-    params, whether it keeps the limits, and by how much it misses each; nearest: of a search without a best, the trial that was not run
-    and is least beyond its bounds; begun: params of the scene as it is; tied: how many numbers of the scene share a parameter, where they
+    goals: each in words, with its SI unit; limits: of measures, by their places in the file, with values of the nearest trial; values: of
+    each trial, SI, None where it has none, and `ends` says why: done, failed, pruned or not run; feasible: whether each keeps the limits;
+    best: number, values, measures, params and whether it keeps the limits; nearest: number of the best trial, or, where none was run, of
+    that least beyond its bounds; begun: params of the scene as it is; tied: how many numbers of the scene share a parameter, where they
     are several; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not run; finer:
     the best on more cells; scatter: values of designs that are all but the best; why_sampler: that the file does not name; ended:
     running, done or interrupted; warnings: of the best run; out: folder of the results, whose best/ holds the best run.
@@ -53,7 +53,7 @@ class GoalReport:
     sampler: str
     storage: str
     seconds_per_trial: float
-    nearest: Plain | None = None
+    nearest: int | None = None
     finer: Plain | None = None
     scatter: Plain | None = None
     why_sampler: str | None = None
@@ -100,20 +100,20 @@ def text(report: GoalReport) -> str:
         lines.append(f"  best             trial {report.best['number']}: {said}")
         if not report.best["feasible"]:
             lines.append("  no trial satisfies all constraints; this one violates them least")
-        lines += [f"    {one}" for one in kept(report.limits, report.best)]
         lines += [
             f"    {name}{shared(report.tied, name)} ="
             f" {significant(value, 6) if isinstance(value, (int, float)) else value or 'null'}"
             for name, value in report.best["params"].items()
         ]
     elif report.nearest is not None:
-        number = report.nearest["number"]
-        lines.append(
-            f"  no trial satisfies all constraints; trial {number}, which was not run, is nearest"
-        )
-        lines += [f"    {one}" for one in kept(report.limits, report.nearest)]
+        lines.append(f"  no trial was run; nearest to the constraints is trial {report.nearest}")
     else:
         lines.append("  no trial gave a design")
+    lines += [
+        f"    {unitless(limit['label'])}: {limit['value']} ({limit['bounds']}){limit['missed']}"
+        for limit in report.limits
+        if limit["value"]
+    ]
     if report.finer is not None and "values" in report.finer:
         said = _said(report.goals, report.finer["values"])
         lines.append(f"  on {report.finer['cells_across']} cells       {said}")
@@ -136,24 +136,8 @@ def text(report: GoalReport) -> str:
     return "\n".join(lines)
 
 
-def kept(limits: list[Plain], trial: Plain) -> list[str]:
-    """Return a trial's measures in words, each with its bounds, and by how much it misses them."""
-    lines = []
-    for limit in limits:
-        at = limit["at"]
-        if at in trial["measures"]:
-            label = limit["label"]
-            value = in_words(label, trial["measures"][at])
-            by = trial["missed"].get(at)
-            missed = "" if by is None else f", missed by {in_words(label, by)}"
-            lines.append(
-                f"{label.rpartition(' (')[0] or label}: {value} ({limit['bounds']}){missed}"
-            )
-    return lines
-
-
 def _said(goals: list[str], values: list[float]) -> str:
     return ", ".join(
-        f"{goal.rpartition(' (')[0] or goal} {in_words(goal, value)}"
+        f"{unitless(goal)} {in_words(goal, value)}"
         for goal, value in zip(goals, values, strict=True)
     )

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +30,7 @@ from magmpm.studies.goals.descend import Enough, Slopes, descend
 from magmpm.studies.goals.evaluate import WHY
 from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP
 from magmpm.studies.goals.goal_study import GoalStudy
-from magmpm.studies.goals.report import REPORT, GoalReport, kept
+from magmpm.studies.goals.report import REPORT, GoalReport
 from magmpm.studies.goals.slopes import Derived, Near, shares, stencil, values_and_slopes
 from magmpm.studies.problem.study import check_trials
 from magmpm.studies.search.knobs import distributions, made
@@ -111,8 +110,7 @@ def search(
             load_if_exists=True,
         )
         _same(known, study, out)
-        steps = study.sampler in (SLSQP, GAUSS_NEWTON)  # which come one after the other
-        at_once = 1 if steps else workers
+        at_once = 1 if study.sampler in (SLSQP, GAUSS_NEWTON) else workers  # steps are one by one
         seeking = _Seeking(study, out, known, at_once, on_trial, shown_url(url))
         return seeking.run(trials or study.file.trials)
 
@@ -294,8 +292,7 @@ class _Seeking:
             return None
         rows = [part.tolist() for part in self._rows(found)]
         trial.set_user_attr(SLOPES, rows)
-        outcome = {"values": {at: one.value for at, one in found.items()}}
-        self._tell(trial, job, outcome)
+        self._tell(trial, job, {"values": {at: one.value for at, one in found.items()}})
         return rows
 
     def _derived(self, trial: Trial, job: evaluate.Job, near: Near) -> dict[str, Derived]:
@@ -378,7 +375,7 @@ class _Seeking:
                 if len(motion) < 2:
                     return
                 answer = Answer(job.scene, None, motion)
-                value = evaluate.measured(job.measures[key], answer, key, job.functions)
+                value = job.measures[key].of_answer(answer, key, job.functions)
                 trial.report(
                     self._told([value if target is None else abs(value - target)])[0], part
                 )
@@ -431,7 +428,9 @@ class _Seeking:
     def _ended_early(self, trial: Trial, outcome: Plain) -> None:
         """Store that a trial failed, and why, or was pruned."""
         numbers = outcome.get("beyond", {})
-        set_constraints(trial, list(chain.from_iterable(self.study.beyond(numbers).values())))
+        beyond = self.study.beyond(numbers)
+        set_constraints(trial, beyond)
+        trial.set_user_attr(CONSTRAINTS, beyond)
         trial.set_user_attr("measures", numbers or outcome.get("known", {}))
         if WHY not in outcome:
             trial.set_user_attr(SKIPPED, "beyond" in outcome)
@@ -450,7 +449,7 @@ class _Seeking:
             return head + (
                 f"failed: {outcome[WHY]}"
                 if WHY in outcome
-                else f"not run: violates a bound anyway, {self._bounds(outcome['beyond'])}"
+                else "not run: violates a bound anyway"
                 if "beyond" in outcome
                 else "pruned"
             )
@@ -465,12 +464,6 @@ class _Seeking:
             ", the best" if best is not None and best.number == number else ""
         )
 
-    def _bounds(self, numbers: dict[str, float]) -> str:
-        """The constraints that are missed, in words."""
-        missed = self.study.missed(numbers)
-        shown = {"measures": {at: numbers[at] for at in missed}, "missed": missed}
-        return "; ".join(kept(self.study.limits, shown))
-
     def _ran(self) -> list[FrozenTrial]:
         return [
             trial
@@ -482,44 +475,35 @@ class _Seeking:
         return len(self._ran())
 
     def _best(self) -> FrozenTrial | None:
-        """The best trial: one that keeps all bounds, else the one that is least beyond them; of several goals, by the first."""
+        """The best trial that was run: one that keeps all bounds, else the one that is least beyond them; of several goals by the first."""
+        return self._least(self.known.get_trials(states=(TrialState.COMPLETE,), deepcopy=False))
+
+    def _least(self, trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
+        """The best of trials, as above."""
         sign = -1.0 if self.study.file.goals[0].key == "maximize" else 1.0
 
         def rank(trial: FrozenTrial) -> tuple[float, float, int]:
             beyond = trial.user_attrs.get(CONSTRAINTS) or [0.0]
-            return sum(max(one, 0.0) for one in beyond), sign * trial.values[0], trial.number
+            value = sign * (trial.values or [0.0])[0]
+            return sum(max(one, 0.0) for one in beyond), value, trial.number
 
-        complete = self.known.get_trials(states=(TrialState.COMPLETE,), deepcopy=False)
-        return min(complete, key=rank, default=None)
+        return min(trials, key=rank, default=None)
 
     def _shown(self, trial: FrozenTrial) -> Plain:
         return {
-            **self._of(trial),
+            "number": trial.number,
+            "measures": trial.user_attrs["measures"],
             "values": self._values(trial),
             "params": dict(trial.params),
             "feasible": _keeps(trial),
         }
-
-    def _of(self, trial: FrozenTrial) -> Plain:
-        measures = trial.user_attrs["measures"]
-        missed = self.study.missed(measures)
-        return {"number": trial.number, "measures": measures, "missed": missed}
-
-    def _nearest(self) -> Plain | None:
-        """The trial that was not run, as it breaks a bound anyway, and is least beyond it; None where none is."""
-
-        def rank(trial: FrozenTrial) -> float:
-            beyond = self.study.beyond(trial.user_attrs["measures"]).values()
-            return sum(max(one, 0.0) for one in chain.from_iterable(beyond))
-
-        skipped = [trial for trial in self._ran() if trial.user_attrs.get(SKIPPED)]
-        return self._of(min(skipped, key=rank)) if skipped else None
 
     def _report(self, ended: str) -> GoalReport:
         finished = self._ran()
         ends = [_end(t) for t in finished]
         took = [t.duration.total_seconds() for t in finished if t.duration and t.values]
         best = self._best()
+        near = best or self._least([t for t in finished if t.user_attrs.get(SKIPPED)])
         return GoalReport(
             name=self.study.name,
             goals=self.study.names,
@@ -528,7 +512,7 @@ class _Seeking:
             feasible=[t.state.name == "COMPLETE" and _keeps(t) for t in finished],
             ends=ends,
             best=None if best is None else self._shown(best),
-            nearest=self._nearest() if best is None else None,
+            nearest=None if near is None else near.number,
             pareto=[self._shown(t) for t in self.known.best_trials]
             if self.study.file.several
             else [],
@@ -544,7 +528,7 @@ class _Seeking:
             ],
             pruned=ends.count("pruned"),
             skipped=ends.count("not run"),
-            limits=self.study.limits,
+            limits=self.study.limits({} if near is None else near.user_attrs["measures"]),
             begun={
                 name: value
                 for knob in self.study.knobs
@@ -579,14 +563,13 @@ class _Seeking:
         scene = Scene.from_si(Result.load(self.out / "best").scene)
         cells = round(scene.thickness / scene.cell) + 1
         found: Plain = {"number": best["number"], "cells_across": cells}
-        try:
-            self._note(f"the best on {cells} cells across")
-            found["measures"] = evaluate.numbers(
-                self._job(scene.with_cells(cells), self.out / "finer")
-            )
+        self._note(f"the best on {cells} cells across")
+        outcome = evaluate.tried(self._job(scene.with_cells(cells), self.out / "finer"))
+        if WHY in outcome:
+            found[WHY] = outcome[WHY]
+        else:
+            found["measures"] = outcome["values"]
             found["values"] = self.study.values(found["measures"])[0]
-        except MagmpmError as error:
-            found[WHY] = in_one_line(error)
         self.known.set_user_attr("finer", found)
         return found
 

@@ -12,13 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from optuna.distributions import FloatDistribution
 
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.settings import validate
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, value_at, written
@@ -46,7 +44,7 @@ def values_and_slopes(
     places: Sequence[Place],
     params: Params,
     stencils: Near,
-    measures: Mapping[str, Mapping[str, Any]],
+    measures: Mapping[str, Measure],
     folder: Path,
 ) -> dict[str, Derived]:
     """Value, SI, and derivatives, SI per unit of each of some ways near the parameters, of measures by name.
@@ -60,8 +58,7 @@ def values_and_slopes(
     leaves = [leaf for place in places for leaf in _leaves(scene, place)]
     turns = np.zeros((len(leaves), len(ways)))  # dv/dp
     for i, leaf in enumerate(leaves):
-        number = partial(_number, leaf)
-        turns[i] = [_slope(way, number) for way in ways]
+        turns[i] = [_slope(way, partial(_number, leaf)) for way in ways]
     addresses = [written(leaf) for leaf in leaves]
     if scene.in_time:
         result, equilibrium = sensitivities_along(scene, addresses, folder)
@@ -103,8 +100,7 @@ def values_and_slopes(
 
     slopes = Slopes(place, moment, force, gaps)
     out = {}
-    for at, data in measures.items():
-        measure = validate(Measure, data)
+    for at, measure in measures.items():
         kind = getattr(measure, measure.name)
         value = measure.of_answer(answer, at, folder)
         if isinstance(kind, Smooth):

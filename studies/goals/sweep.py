@@ -123,8 +123,8 @@ def sweep(
     beside = Path(scene).parent if isinstance(scene, (str, Path)) else Path()
     measures, functions = _measures(measure)
     for name, of in measures.items():
-        if of.get("python"):
-            function_of(of["python"], beside, f"measure.{name}")
+        if of.python:
+            function_of(of.python, beside, f"measure.{name}")
     combined = _combined(whole, values, measures, units)
     keep = None if folder is None else Path(folder)
     with ExitStack() as stack:
@@ -184,14 +184,15 @@ def sweep(
 
 def _measures(
     given: Sequence[str | Mapping[str, Any] | Callable[[Any], Any]],
-) -> tuple[dict[str, Plain], Functions]:
-    """Measures as plain data, and users' functions, each by the name of its column. Raises InputError."""
-    measures: dict[str, Plain] = {}
+) -> tuple[dict[str, Measure], Functions]:
+    """Measures, and users' functions, each by the name of its column. Raises InputError."""
+    measures: dict[str, Measure] = {}
     functions: Functions = {}
     for one in [given] if isinstance(given, (str, Mapping)) or callable(given) else given:
         if one == TIP:
             for axis, along in zip("xyz", ([1, 0, 0], [0, 1, 0], [0, 0, 1]), strict=True):
-                measures[f"tip_{axis}_m"] = {"position": {"of": TIP, "along": along}}
+                position = {"of": TIP, "along": along}
+                measures[f"tip_{axis}_m"] = validate(Measure, {"position": position})
             continue
         if isinstance(one, str) and one not in KINDS:
             raise InputError(
@@ -212,16 +213,15 @@ def _measures(
         if callable(one):
             functions[name] = one
         else:
-            measures[name] = found.model_dump(by_alias=True)
+            measures[name] = found
     return measures, functions
 
 
 def _combined(
-    scene: Scene, values: Mapping[str, Any], measures: Mapping[str, Any], units: bool
+    scene: Scene, values: Mapping[str, Any], measures: Mapping[str, Measure], units: bool
 ) -> list[tuple[Plain, Scene | InputError]]:
     """Every combination: what is set, and the scene, or why there is none that can be measured. Raises InputError where there is none."""
     values = {address: getattr(of, "tolist", lambda of=of: of)() for address, of in values.items()}
-    checks = {name: validate(Measure, data).check_moments for name, data in measures.items()}
     for address, of in values.items():
         if isinstance(of, (str, bytes)) or not isinstance(of, Sequence) or not len(of):
             raise InputError(
@@ -238,8 +238,8 @@ def _combined(
         settings = {place: value for address, value in said.items() for place in at[address]}
         try:
             made = changed(scene, settings)
-            for name, check in checks.items():
-                check(made, name)
+            for name, of in measures.items():
+                of.check_moments(made, name)
         except InputError as error:
             found.append((said, error))
             continue
@@ -255,14 +255,15 @@ def _combined(
 
 def _key(
     scene: Scene,
-    measures: Mapping[str, Any],
+    measures: Mapping[str, Measure],
     functions: Functions,
     beside: Path,
 ) -> str:
     """Hash of all that decides a row, by which it is found again: of functions `_code`, of those in files the file."""
     codes = {name: _code(of) for name, of in functions.items()}
-    files = [source_of(of["python"], beside) for of in measures.values() if of.get("python")]
-    about = [scene.hash(), measures, codes, files]
+    files = [source_of(of.python, beside) for of in measures.values() if of.python]
+    said = {name: of.model_dump(by_alias=True) for name, of in measures.items()}
+    about = [scene.hash(), said, codes, files]
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
 
 
@@ -308,8 +309,7 @@ def _measured(job: evaluate.Job, with_answer: bool) -> _Outcome:
     from magmpm.simulate import RunOptions, simulated
 
     scene = job.scene
-    kinds = {kind for of in job.measures.values() for kind in of if of[kind] is not None}
-    judged = with_answer or not kinds.isdisjoint(("stability", "python"))
+    judged = with_answer or any(of.stability or of.python for of in job.measures.values())
     try:
         if scene.in_time:
             answer = evaluate.answered(scene, job.folder)
@@ -317,4 +317,4 @@ def _measured(job: evaluate.Job, with_answer: bool) -> _Outcome:
             answer = Answer(scene, simulated(scene, RunOptions(judged=judged)))
     except MagmpmError as error:
         return {WHY: in_one_line(error)}, None
-    return evaluate.all_measured(job, answer), answer.given if with_answer else None
+    return evaluate.all_measured(job, answer, job.measures), answer.given if with_answer else None

@@ -55,8 +55,7 @@ def _offsets(count: int) -> Case:
                     at.cells_across, at.particles_per_cell, shift=(place[0], place[1])
                 ),
             )
-            moved = move(model)
-            tips.append(last_cells(model) @ (moved.x - model.particles.position))
+            tips.append(last_cells(model) @ (move(model).x - model.particles.position))
         spread = np.array(tips)[:, None] - np.array(tips)[None]
         return float(np.linalg.norm(spread, axis=2).max()) / scene.length
 

@@ -206,7 +206,33 @@ class Limits(Settings):
         return self
 
 
-class StudyFile(Settings):
+class Search(Settings):
+    """Keys of every study: the scene, the number of trials, and the seed."""
+
+    scene: str = Field(
+        min_length=1,
+        description="Path of the scene, relative to this file.",
+        examples=["../scenes/five_segments.yaml"],
+    )
+    trials: int = Field(
+        default=35,
+        strict=True,
+        ge=1,
+        le=MOST_TRIALS,
+        description="Total number of trials; 35 unless given.",
+        examples=[35],
+    )
+    seed: int = Field(
+        default=1,
+        strict=True,
+        ge=0,
+        le=2**32 - 1,
+        description="The same seed gives the same trials; 1 unless given.",
+        examples=[1],
+    )
+
+
+class StudyFile(Search):
     """A study: the scene, what is varied, what it must match, and how it is searched."""
 
     @staticmethod
@@ -218,11 +244,6 @@ class StudyFile(Settings):
             return Instead("it belongs in the scene's file")
         return Instead(f"it belongs in the scene, the file {show(values['scene'])}")
 
-    scene: str = Field(
-        min_length=1,
-        description="Path of the scene, relative to this file.",
-        examples=["../scenes/five_segments.yaml"],
-    )
     vary: Vary = Field(description="What the study may change.", examples=["{magnetization: {}}"])
     match: Annotated[
         Annotated[Match, Tag("one")]
@@ -270,14 +291,6 @@ class StudyFile(Settings):
     limits: Limits | None = Field(
         default=None, description="What can be made.", examples=["{at_most: 3}"]
     )
-    trials: int = Field(
-        default=35,
-        strict=True,
-        ge=1,
-        le=MOST_TRIALS,
-        description="Total number of trials; 35 unless given.",
-        examples=[35],
-    )
     sampler: Annotated[
         str | None,
         BeforeValidator(known_sampler),
@@ -294,14 +307,6 @@ class StudyFile(Settings):
         default=None,
         description="Begin with the best designs of the rod model; not unless given.",
         examples=["rod"],
-    )
-    seed: int = Field(
-        default=1,
-        strict=True,
-        ge=0,
-        le=2**32 - 1,
-        description="The same seed gives the same trials; 1 unless given.",
-        examples=[1],
     )
     stop: Stop | None = Field(
         default=None,

@@ -233,7 +233,7 @@ ORDER: Any = Field(
 
 
 class Varied(Settings):
-    """What trials change: something."""
+    """Base of what trials change: something."""
 
     @model_validator(mode="after")
     def _something(self) -> Varied:

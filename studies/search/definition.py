@@ -82,7 +82,7 @@ def load_study(path: Path | str) -> Study:
     ):  # of the whole shape, which designs are evaluated by: a bound for the tip as well
         requested = scene.resolution.model_copy(update={"of": "centreline"})
         scene = scene.with_cells(coarsest_cells(scene))
-    study_checks.check_numbers(scene, file, document)
+    study_checks.check_numbers(scene, file.vary, file.sampler, document)
     target, keyframes = _targets(file, document, scene)
     study = Study(
         path=document.path,

@@ -48,7 +48,7 @@ class Knob(ABC):
 
     @property
     def tied(self) -> int:
-        """How many numbers of the scene share a parameter."""
+        """Count of the scene's numbers that share a parameter."""
         return len(self.places)
 
     @abstractmethod
@@ -518,8 +518,7 @@ def _range(
             remedy="give `choices`",
         )
     scale = abs(float(largest)) / most[0]
-    label = f"{name} ({unit})" if unit else name
-    return replace(knob, name=label, scale=scale)
+    return replace(knob, name=f"{name} ({unit})" if unit else name, scale=scale)
 
 
 def accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) -> Scene:

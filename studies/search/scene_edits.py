@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,14 +13,9 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, written
-from magmpm.scene.variables import of_lengths, segment_lengths
-from magmpm.studies.problem.variables import Vary, VaryLength, VaryNumber, VaryOrder
-from magmpm.studies.search.knobs import Bounded, Choice, Knob, knobs
+from magmpm.studies.problem.variables import Vary, VaryNumber
+from magmpm.studies.search.knobs import Bounded, Choice, knobs
 from magmpm.studies.search.parameters import VariedNumber
-from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
-
-if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
 
 MOST_ORDERS = 1000
 
@@ -107,144 +101,6 @@ def within(
     )
 
 
-def lengths_within(vary: VaryLength, scene: Scene) -> list[VariedNumber]:
-    """Find the lengths of segments that a study varies.
-
-    Parameters
-    ----------
-    vary : VaryLength
-        What the study's file says.
-    scene : Scene
-        Its scene.
-
-    Returns
-    -------
-    list of VariedNumber
-        The lengths, base to tip.
-    """
-    ends = (vary.min, vary.max)
-    named = zip(segment_names(scene), scene.regions(), strict=True)
-    return [
-        within(f"{name}_length_mm", "length", ends, 1e3, ("body", *region.at, "length"), segment=i)
-        for i, (name, region) in enumerate(named)
-    ]
-
-
-def lengths_in(scene: Scene, lengths: Array, *, keep: bool) -> dict[Place, Any]:
-    """Find the values that lengths of segments write into a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    lengths : array (k,), m
-        Base to tip.
-    keep : bool
-        Whether they sum to the body's length, to the last bit.
-
-    Returns
-    -------
-    dict of place to value, SI
-        The values; None of the longest where they keep the sum: it gets the rest.
-    """
-    found: dict[Place, Any] = {**of_lengths(scene, lengths.tolist())}
-    if keep:
-        body = ("body", scene.body.kind)
-        found[*body, "length"] = scene.length
-        found[*body, "segments", int(np.argmax(lengths)), "length"] = None
-    return found
-
-
-@dataclass(frozen=True)
-class Lengths(Knob):
-    """Lengths of segments, which may keep their sum.
-
-    Attributes
-    ----------
-    name : str
-        For messages.
-    places : tuple of Place
-        Of the lengths, and of the body's.
-    scene : Scene
-        The study's scene.
-    numbers : tuple of VariedNumber
-        The lengths, base to tip.
-    keep : bool
-        Whether their sum stays.
-    """
-
-    scene: Scene
-    numbers: tuple[VariedNumber, ...]
-    keep: bool
-
-    @property
-    def tied(self) -> int:
-        return 1
-
-    def distributions(self) -> dict[str, BaseDistribution]:
-        return Coordinates(self.numbers).distributions()
-
-    def at(self, params: Mapping[str, Any]) -> dict[Place, Any]:
-        requested = np.array([number.value(number.read(params)) for number in self.numbers])
-        total = self.scene.length if self.keep else None
-        lengths = kept_total(requested, *self.numbers[0].ends, total)[0]
-        return lengths_in(self.scene, lengths, keep=self.keep)
-
-    def own(self, scene: Scene) -> dict[str, Any]:
-        lengths = segment_lengths(scene)
-        return {
-            number.name: round(number.unit * length, 12)
-            for number, length in zip(self.numbers, lengths, strict=True)
-        }
-
-    def begun(self, scene: Scene) -> dict[str, Any]:
-        own = self.own(scene)
-        return {n.name: min(max(own[n.name], n.low), n.high) for n in self.numbers}
-
-
-@dataclass(frozen=True)
-class Order(Choice):
-    """The order of a scene's magnetized and plain segments."""
-
-    def at(self, params: Mapping[str, Any]) -> dict[Place, Any]:
-        return {}
-
-    def own(self, scene: Scene) -> dict[str, Any]:
-        return {self.name: orders(scene, own=True)[0]}
-
-    def arranged(self, scene: Scene, params: Mapping[str, Any]) -> Scene:
-        data = scene.to_si()
-        put_in_order(data, scene, params[self.name])
-        return Scene.from_si(data)
-
-
-def segment_knobs(length: VaryLength | None, order: VaryOrder | None, scene: Scene) -> list[Knob]:
-    """Find what a study with a goal turns of segments: their lengths, and their order.
-
-    Parameters
-    ----------
-    length : VaryLength or None
-        What the study's file says of lengths.
-    order : VaryOrder or None
-        What it says of the order.
-    scene : Scene
-        Its scene.
-
-    Returns
-    -------
-    list of Knob
-        The knobs.
-    """
-    found: list[Knob] = []
-    if length is not None:
-        numbers = tuple(lengths_within(length, scene))
-        places = (*(number.place for number in numbers), ("body", scene.body.kind, "length"))
-        found.append(Lengths("length", places, scene, numbers, length.total == "keep"))
-    if order is not None:
-        found.append(Order("order", (), orders(scene)))
-    return found
-
-
 def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
     """Find the numbers within bounds that a study varies: lengths, diameter, remanence, stiffness.
 
@@ -264,7 +120,13 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
     regions = scene.regions()
     names = segment_names(scene)
     if vary.length is not None:
-        found += lengths_within(vary.length, scene)
+        ends = (vary.length.min, vary.length.max)
+        found += [
+            within(
+                f"{name}_length_mm", "length", ends, 1e3, ("body", *region.at, "length"), segment=i
+            )
+            for i, (name, region) in enumerate(zip(names, regions, strict=True))
+        ]
     if vary.diameter is not None:
         ends = (vary.diameter.min, vary.diameter.max)
         place = ("body", scene.body.kind, "diameter")
@@ -329,9 +191,7 @@ def _by_address(vary: Vary, scene: Scene, others: Sequence[VariedNumber]) -> Ite
         )
 
 
-def kept_total(
-    requested: Array, low: float, high: float, total: float | None
-) -> tuple[Array, Array]:
+def kept_total(requested: Array, low: float, high: float, total: float) -> tuple[Array, Array]:
     """Find lengths within bounds that have a given sum and are nearest to those requested, and their derivatives.
 
     It is the projection on the sum and the bounds: all are shifted by one amount, and stop at their
@@ -346,8 +206,8 @@ def kept_total(
         Least length; low k is at most `total`.
     high : float, m
         Greatest length; high k is at least `total`.
-    total : float, m, or None
-        The sum; None: any, as requested.
+    total : float, m
+        The sum.
 
     Returns
     -------
@@ -357,8 +217,6 @@ def kept_total(
         Of each by those requested.
     """
     k = len(requested)
-    if total is None:
-        return requested, np.eye(k)
     corners = np.unique(np.concatenate([low - requested, high - requested]))
     sums = np.array([np.clip(requested + shift, low, high).sum() for shift in corners])
     shift = float(np.interp(total, sums, corners))
@@ -397,22 +255,6 @@ def orders(scene: Scene, *, own: bool = False) -> tuple[str, ...]:
     magnetized = scene.magnetized_regions()
     pattern = "".join("M" if i in magnetized else "P" for i in range(len(scene.regions())))
     return (pattern,) if own else _orders(pattern)
-
-
-def put_in_order(data: dict[str, Any], scene: Scene, order: str) -> None:
-    """Put the segments of a scene's data, or of its file's content, in an order, in place.
-
-    Parameters
-    ----------
-    data : dict[str, Any]
-        The data, or the content.
-    scene : Scene
-        The scene.
-    order : str
-        Letters from base to tip.
-    """
-    body = data["body"][scene.body.kind]
-    body["segments"] = [body["segments"][k] for k in arrangement(scene, order)]
 
 
 def arrangement(scene: Scene, order: str) -> Index:

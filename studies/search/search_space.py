@@ -14,7 +14,7 @@ A varied field has its strength and the two angles of scene files: azimuth from 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -24,6 +24,9 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, put, say
+from magmpm.scene.variables import of_lengths, segment_lengths
+from magmpm.studies.problem.variables import Vary
+from magmpm.studies.search.knobs import Knob
 from magmpm.studies.search.parameters import (
     FIELD,
     FieldVector,
@@ -37,10 +40,8 @@ from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 from magmpm.studies.search.scene_edits import (
     arrangement,
     kept_total,
-    lengths_in,
     numbers_of,
     orders,
-    put_in_order,
     segment_names,
     with_own_materials,
 )
@@ -109,14 +110,11 @@ class SearchSpace:
         vary = study.vary
         scene = study.scene
         limits = study.limits
-        return cls(
-            scene=scene,
+        return replace(
+            numbers_space(scene, vary),
             segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (),
             field_max=study.field_max,
             fields=study.fields,
-            numbers_within=numbers_of(vary, scene),
-            keeps_length=vary.length is None or vary.length.total == "keep",
-            order=vary.order is not None,
             limits=(
                 None
                 if limits is None
@@ -428,7 +426,7 @@ class SearchSpace:
         data = self.scene.to_si()
         with_own_materials(data, self.scene, self.numbers_within)
         put(data, self.values(x, field), self.scene)
-        self._put_in_order(data, order)
+        self.put_in_order(data, order)
         return Scene.from_si(data)
 
     def write(self, content: dict[str, Any], x: Array, order: str | None = None) -> None:
@@ -445,7 +443,7 @@ class SearchSpace:
         """
         with_own_materials(content, self.scene, self.numbers_within)
         say(content, self.scene_at(x), self.values(x))
-        self._put_in_order(content, order)
+        self.put_in_order(content, order)
 
     def values(self, x: Array, field: int = -1) -> dict[Place, Any]:
         """Find the values that embedded coordinates write into the scene; the order of segments apart.
@@ -475,19 +473,34 @@ class SearchSpace:
         requested = [found[n.place] for n in self.numbers_within if n.what == "length"]
         if requested:
             lengths = self._lengths(np.array(requested))[0]
-            found |= lengths_in(self.scene, lengths, keep=self.keeps_length)
+            found |= of_lengths(self.scene, lengths.tolist())
+            if self.keeps_length:
+                body = ("body", self.scene.body.kind)
+                found[*body, "length"] = self.scene.length
+                longest = int(np.argmax(lengths))
+                found[*body, "segments", longest, "length"] = None  # the rest, to the last bit
         return found
 
-    def _put_in_order(self, data: dict[str, Any], order: str | None) -> None:
-        """Put the segments of the scene's data, or of its file's content, in an order."""
+    def put_in_order(self, data: dict[str, Any], order: str | None) -> None:
+        """Put the segments of the scene's data, or of its file's content, in an order.
+
+        Parameters
+        ----------
+        data : dict[str, Any]
+            The data, or the content, changed in place.
+        order : str or None
+            Letters from base to tip; None: as they are.
+        """
         if order is not None:
-            put_in_order(data, self.scene, order)
+            body = data["body"][self.scene.body.kind]
+            body["segments"] = [body["segments"][k] for k in arrangement(self.scene, order)]
 
     def _lengths(self, requested: Array) -> tuple[Array, Array]:
         """Lengths (k,) m of the segments for those requested, and their derivatives (k, k); of the body's length in all if that is kept."""
+        if not self.keeps_length:
+            return requested, np.eye(len(requested))
         number = next(number for number in self.numbers_within if number.what == "length")
-        total = self.scene.length if self.keeps_length else None
-        return kept_total(requested, *number.ends, total)
+        return kept_total(requested, *number.ends, self.scene.length)
 
     def directions(self, parameters: Parameters) -> Array:
         """Find the magnetization of every segment of the trial's scene, in the undeformed body.
@@ -635,3 +648,81 @@ class SearchSpace:
                 x[:count].reshape(-1, 3)
             ).reshape(count, count)
         return found
+
+
+def numbers_space(scene: Scene, vary: Vary) -> SearchSpace:
+    """Make the space of numbers and orders that are varied, without directions and fields.
+
+    Parameters
+    ----------
+    scene : Scene
+        The study's scene.
+    vary : Vary
+        What its file says of them.
+
+    Returns
+    -------
+    SearchSpace
+        The space.
+    """
+    keeps = vary.length is None or vary.length.total == "keep"
+    return SearchSpace(scene, (), None, 1, numbers_of(vary, scene), keeps, vary.order is not None)
+
+
+@dataclass(frozen=True)
+class Segments(Knob):
+    """Lengths of segments, which may keep their sum, and their order, as studies of shapes have them.
+
+    Attributes
+    ----------
+    name : str
+        For messages.
+    places : tuple of Place
+        Of the lengths, and of the body's.
+    space : SearchSpace
+        Of the lengths and the order alone.
+    """
+
+    space: SearchSpace
+    smooth = False
+    tied = 1
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        return self.space.distributions()
+
+    def at(self, params: Parameters) -> dict[Place, Any]:
+        return self.space.values(self.space.embedded(params))
+
+    def arranged(self, scene: Scene, params: Parameters) -> Scene:
+        data = scene.to_si()
+        self.space.put_in_order(data, params.get("order"))
+        return Scene.from_si(data)
+
+    def own(self, scene: Scene) -> dict[str, Any]:
+        named = zip(self.space.numbers_within, segment_lengths(scene), strict=False)
+        lengths = {number.name: round(number.unit * length, 12) for number, length in named}
+        return lengths | dict.fromkeys(self.space.choices, orders(scene, own=True)[0])
+
+    def begun(self, scene: Scene) -> dict[str, Any]:
+        return self.space.parameters_at(self.space.embedded(self.own(scene)))
+
+
+def segments(scene: Scene, vary: Vary) -> Segments:
+    """Make a knob of lengths and orders of segments.
+
+    Parameters
+    ----------
+    scene : Scene
+        The study's scene.
+    vary : Vary
+        What its file says of them.
+
+    Returns
+    -------
+    Segments
+        The knob.
+    """
+    space = numbers_space(scene, vary)
+    places = tuple(number.place for number in space.numbers_within)
+    body = (("body", scene.body.kind, "length"),) if places else ()
+    return Segments("length", (*places, *body), space)

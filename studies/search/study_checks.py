@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, dotted
 from magmpm.inputs.user_files import folder_fault
@@ -16,9 +15,9 @@ from magmpm.scene import Scene
 from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.sampler_names import TAKE_CHOICES
 from magmpm.studies.problem.study_file import StudyFile
-from magmpm.studies.problem.variables import VaryLength, VaryOrder
+from magmpm.studies.problem.variables import Vary, VaryLength
 from magmpm.studies.search.scene_edits import MOST_ORDERS, numbers_of
-from magmpm.studies.search.search_space import SearchSpace
+from magmpm.studies.search.search_space import numbers_space
 
 
 def check_file_name(path: Path) -> None:
@@ -98,79 +97,88 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     InputError
         Where the study can't be made of this scene.
     """
-    if scene.resolution.seconds is not None:
-        rule = (
+    of = "an insertion" if file.insertion is not None else "stability"
+    faults = (
+        (
+            scene.resolution.seconds is not None,
             "the scene of a study gives its cells or an error, not a time: trials are compared on"
-            " one grid"
-        )
-        remedy = (
-            "write `resolution: {cells_across: 4}` or `resolution: {error: 0.1 %}` in the scene"
-        )
-    elif scene.resolution.requested and (
-        file.insertion is not None or file.schedule is not None or scene.solver.dynamic is not None
-    ):
-        rule = (
+            " one grid",
+            "write `resolution: {cells_across: 4}` or `resolution: {error: 0.1 %}` in the scene",
+        ),
+        (
+            scene.resolution.requested
+            and (
+                file.insertion is not None
+                or file.schedule is not None
+                or scene.solver.dynamic is not None
+            ),
             "an error can be asked for where a trial is an equilibrium, or equilibria along time;"
-            " the best are judged on finer grids"
-        )
-        remedy = (
+            " the best are judged on finer grids",
             "write `resolution: {cells_across: 4}` in the scene, and run the best design with"
-            " `resolution: {error: 0.1 %}`"
-        )
-    elif scene.body.shape.line is None:
-        rule = "a study compares centrelines, and a body of STL parts has none"
-        remedy = "name a scene of a catheter or a strip"
-    elif file.vary.magnetization is not None and not scene.body.shape.magnetized_by_region:
-        rule = "a study varies segments, and this strip has a magnetization_profile in their place"
-        remedy = "give the strip `segments`"
-    elif scene.effects.magnetic_torque is None:
-        rule = (
+            " `resolution: {error: 0.1 %}`",
+        ),
+        (
+            scene.body.shape.line is None,
+            "a study compares centrelines, and a body of STL parts has none",
+            "name a scene of a catheter or a strip",
+        ),
+        (
+            file.vary.magnetization is not None and not scene.body.shape.magnetized_by_region,
+            "a study varies segments, and this strip has a magnetization_profile in their place",
+            "give the strip `segments`",
+        ),
+        (
+            scene.effects.magnetic_torque is None,
             "the scene of a study must name the effect magnetic_torque: without it, magnets have "
-            "no effect"
-        )
-        remedy = "add `effects: {magnetic_torque: {}}` to the scene"
-    elif not scene.magnetized_regions():
-        rule = "the scene of a study must have a magnetized segment"
-        remedy = (
-            "give the segments that may be magnetized a direction, say, `magnetization: [1, 0, 0]`"
-        )
-    elif file.vary.field is None and not scene.field.acts:
-        rule = "the field of the scene must not be zero while the study does not vary it"
-        remedy = "give the scene a field, or add `field: {max: 10 mT}` to `vary`"
-    elif file.schedule is not None and (scene.field.over_time is not None or not scene.static):
-        rule = (
-            "a schedule makes the field over time itself, and each of its shapes is an equilibrium"
-        )
-        remedy = (
+            "no effect",
+            "add `effects: {magnetic_torque: {}}` to the scene",
+        ),
+        (
+            not scene.magnetized_regions(),
+            "the scene of a study must have a magnetized segment",
+            "give the segments that may be magnetized a direction, say, `magnetization: [1, 0, 0]`",
+        ),
+        (
+            file.vary.field is None and not scene.field.acts,
+            "the field of the scene must not be zero while the study does not vary it",
+            "give the scene a field, or add `field: {max: 10 mT}` to `vary`",
+        ),
+        (
+            file.schedule is not None and (scene.field.over_time is not None or not scene.static),
+            "a schedule makes the field over time itself, and each of its shapes is an equilibrium",
             "leave `over_time` out of the scene's field, and `dynamic` and `quasi_static` out of"
-            " its solver"
-        )
-    elif file.robust is not None and not scene.static:
-        rule = "robust differentiates equilibria, and this scene is a motion"
-        remedy = "leave `dynamic` out of the scene's solver, or remove `robust`"
-    elif (file.insertion is not None or file.stability is not None) and not scene.static:
-        key = "an insertion" if file.insertion is not None else "stability"
-        rule = f"{key} asks for equilibria, and this scene is a motion"
-        remedy = "leave `dynamic` out of the scene's solver"
-    elif (
-        file.robust is not None
-        and file.robust.direction > 0
-        and not scene.body.shape.magnetized_by_region
-    ):
-        rule = (
+            " its solver",
+        ),
+        (
+            file.robust is not None and not scene.static,
+            "robust differentiates equilibria, and this scene is a motion",
+            "leave `dynamic` out of the scene's solver, or remove `robust`",
+        ),
+        (
+            (file.insertion is not None or file.stability is not None) and not scene.static,
+            f"{of} asks for equilibria, and this scene is a motion",
+            "leave `dynamic` out of the scene's solver",
+        ),
+        (
+            file.robust is not None
+            and file.robust.direction > 0
+            and not scene.body.shape.magnetized_by_region,
             "robust tilts the directions of segments, and this strip has a magnetization_profile in"
-            " their place"
-        )
-        remedy = "give the strip `segments`, or remove `direction` from `robust`"
-    elif file.insertion is not None and scene.body.catheter is None:
-        rule = (
-            f"an insertion pushes a catheter out of its guide, and this body is a {scene.body.kind}"
-        )
-        remedy = "name a scene of a catheter"
-    else:
-        _check_depths(scene, file, document)
-        return
-    raise InputError(place(document, "scene"), received=f'"{file.scene}"', rule=rule, remedy=remedy)
+            " their place",
+            "give the strip `segments`, or remove `direction` from `robust`",
+        ),
+        (
+            file.insertion is not None and scene.body.catheter is None,
+            "an insertion pushes a catheter out of its guide, and this body is a"
+            f" {scene.body.kind}",
+            "name a scene of a catheter",
+        ),
+    )
+    for broken, rule, remedy in faults:
+        if broken:
+            at = place(document, "scene")
+            raise InputError(at, received=f'"{file.scene}"', rule=rule, remedy=remedy)
+    _check_depths(scene, file, document)
 
 
 def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
@@ -383,15 +391,17 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
         )
 
 
-def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
+def check_numbers(scene: Scene, vary: Vary, sampler: str | None, document: Document) -> None:
     """Check that the bounds of what varies are those of scenes that there are.
 
     Parameters
     ----------
     scene : Scene
         The scene.
-    file : StudyFile
-        What the study's file says.
+    vary : Vary
+        What the study's file says of them.
+    sampler : str or None
+        The sampler that it names.
     document : Document
         The file, for messages.
 
@@ -401,13 +411,17 @@ def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
         With the number that shows it.
     """
     try:
-        numbers_of(file.vary, scene)
+        numbers_of(vary, scene)
     except InputError as error:
         raise InputError(f"{place(document, 'vary', 'numbers')}: {error}") from None
-    found = segments_fault(scene, file.vary.length, file.vary.order, file.sampler)
-    found = found or _diameter_fault(scene, file)
+    found = (
+        _segments_fault(scene, vary)
+        or _lengths_fault(scene, vary.length)
+        or _diameter_fault(scene, vary)
+        or _order_fault(scene, vary, sampler)
+    )
     if found is None and scene.body.shape.line is not None:
-        found = _corner_fault(scene, file)
+        found = _corner_fault(scene, vary)
     if found is not None:
         key, received, rule, remedy = found
         raise InputError(place(document, *key), received=received, rule=rule, remedy=remedy)
@@ -416,59 +430,34 @@ def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
 Fault = tuple[tuple[str, ...], str, str, str]  # key, value received, rule, remedy
 
 
-def segments_fault(
-    scene: Scene, length: VaryLength | None, order: VaryOrder | None, sampler: str | None
-) -> Fault | None:
-    """Find what is wrong with what a study varies of segments.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    length : VaryLength or None
-        What the study's file says of lengths.
-    order : VaryOrder or None
-        What it says of the order.
-    sampler : str or None
-        The sampler that the file names.
-
-    Returns
-    -------
-    Fault or None
-        The fault.
-    """
+def _segments_fault(scene: Scene, vary: Vary) -> Fault | None:
     shape = scene.body.shape
-    if length is None and order is None:
+    key = next((key for key in ("length", "order") if getattr(vary, key) is not None), None)
+    if key is None or (shape.line is not None and shape.magnetized_by_region):
         return None
-    if not isinstance(shape, StraightBody) or not shape.magnetized_by_region:
-        key = ("vary", "order" if length is None else "length")
-        rule = "parts and a strip with a magnetization_profile have no segments"
-        return key, f"a {scene.body.kind}", rule, "name a scene whose body has `segments`"
-    fault = None if length is None else _lengths_fault(scene, length)
-    return fault if fault or order is None else _order_fault(scene, sampler)
+    rule = "parts and a strip with a magnetization_profile have no segments"
+    return ("vary", key), f"a {scene.body.kind}", rule, "name a scene whose body has `segments`"
 
 
-def _lengths_fault(scene: Scene, bounds: VaryLength) -> Fault | None:
+def _lengths_fault(scene: Scene, bounds: VaryLength | None) -> Fault | None:
+    if bounds is None or bounds.total == "free":
+        return None
     count = len(scene.regions())
     length = scene.length
-    fits = bounds.min * count <= length * (1 + 1e-9) <= bounds.max * count * (1 + 2e-9)
-    if fits or bounds.total == "free":
+    if bounds.min * count <= length * (1 + 1e-9) <= bounds.max * count * (1 + 2e-9):
         return None
-    rule = (
-        f"{count} segments of this length are {1e3 * count * bounds.min:g} to"
-        f" {1e3 * count * bounds.max:g} mm long, and must sum to the body's length,"
-        f" {1e3 * length:g} mm"
-    )
     return (
         ("vary", "length"),
         f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm",
-        rule,
+        f"{count} segments of this length are {1e3 * count * bounds.min:g} to"
+        f" {1e3 * count * bounds.max:g} mm long, and must sum to the body's length,"
+        f" {1e3 * length:g} mm",
         "change the bounds, or let the length of the body vary too: `total: free`",
     )
 
 
-def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
-    bounds = file.vary.diameter
+def _diameter_fault(scene: Scene, vary: Vary) -> Fault | None:
+    bounds = vary.diameter
     catheter = scene.body.catheter
     if bounds is None:
         return None
@@ -495,7 +484,9 @@ def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
     return None
 
 
-def _order_fault(scene: Scene, sampler: str | None) -> Fault | None:
+def _order_fault(scene: Scene, vary: Vary, sampler: str | None) -> Fault | None:
+    if vary.order is None:
+        return None
     magnetized = len(scene.magnetized_regions())
     count = len(scene.regions())
     key = ("vary", "order")
@@ -527,13 +518,12 @@ def _order_fault(scene: Scene, sampler: str | None) -> Fault | None:
     return None
 
 
-def _corner_fault(scene: Scene, file: StudyFile) -> Fault | None:
+def _corner_fault(scene: Scene, vary: Vary) -> Fault | None:
     """Bounds at which there is no scene: least and greatest values of all numbers, together and against each other."""
-    numbers = numbers_of(file.vary, scene)
+    space = numbers_space(scene, vary)
+    numbers = space.numbers_within
     if not numbers:
         return None
-    keeps = file.vary.length is None or file.vary.length.total == "keep"
-    space = SearchSpace(scene, (), None, numbers_within=numbers, keeps_length=keeps)
     thick = np.array([number.what == "diameter" for number in numbers], dtype=float)
     for name, x in (
         ("least", 0 * thick),
@@ -547,7 +537,7 @@ def _corner_fault(scene: Scene, file: StudyFile) -> Fault | None:
             key = next(
                 what
                 for what in ("diameter", "length", "remanence", "shear_modulus", "numbers")
-                if getattr(file.vary, what, None) is not None
+                if getattr(vary, what, None) is not None
             )
             said = " ".join(line.strip() for line in str(error).splitlines())
             rule = (

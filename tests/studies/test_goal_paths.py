@@ -8,12 +8,10 @@ import pytest
 from goal_study import SCENE, searched, written
 
 from magmpm.errors import InputError
-from magmpm.inputs.settings import validate
 from magmpm.results.trajectory import Motion
 from magmpm.simulate import run
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.goal_study import load_goal
-from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.slopes import stencil, values_and_slopes
 from magmpm.studies.search.knobs import distributions, made
 
@@ -79,10 +77,7 @@ def numbers_of(study: Path, params: dict[str, float], folder: Path) -> dict[str,
     found = load_goal(study)
     scene = made(found.scene, found.knobs, params)
     answer = Answer(scene, run(scene, folder=folder), Motion.load(folder))
-    return {
-        at: validate(Measure, data).of_answer(answer, at, folder)
-        for at, data in found.measures.items()
-    }
+    return {at: of.of_answer(answer, at, folder) for at, of in found.measures.items()}
 
 
 @pytest.mark.parametrize(
@@ -121,7 +116,7 @@ def test_derivatives_along_a_path_are_those_of_runs(
     own = numbers_of(path, params, tmp_path / "own")
     for at, value in own.items():
         assert given[at].value == pytest.approx(value, rel=1e-6, abs=1e-9), at
-    pressed = [value for at, value in own.items() if found.measures[at]["contact_force"]]
+    pressed = [value for at, value in own.items() if found.measures[at].contact_force]
     assert min(pressed) > 0.0
     for k, (name, space) in enumerate(ranges.items()):
         h = share * (space.high - space.low)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from magmpm.errors import in_words, significant
+from magmpm.errors import in_words, significant, unitless
 from magmpm.viz.sheet.found import cite, large
 from magmpm.viz.sheet.markup import NOTHING, Markup, figure, joined, movie, pairs, table, tag
 from magmpm.viz.sheet.whole import document, section
@@ -26,14 +26,14 @@ def goal_page(
         tag("h1", report["name"])
         + tag(
             "p",
-            f"A design study by magmpm: {'; '.join(map(_goal, report['goals']))}",
+            f"A design study by magmpm: {'; '.join(map(unitless, report['goals']))}",
             class_="lead",
         ),
         _answer(report),
         _alarms(report),
         joined(held[:1]),
         section("The best design", _params(report), _directions(facts)) if best else NOTHING,
-        section("What it does", _measures(report)) if best else NOTHING,
+        section("What it does", _measures(report)),
         section("How sure that is", _checks(report)) if best else NOTHING,
         section("Pictures", joined(held[1:])),
         section("Trials that failed", _failed(report)),
@@ -48,17 +48,13 @@ def goal_page(
     return document(report["name"], joined(parts))
 
 
-def _goal(label: str) -> str:
-    return label.rpartition(" (")[0] or label
-
-
 def _answer(report: Mapping[str, Any]) -> Markup:
     """The figures that count, large."""
     boxes: list[tuple[str, str]] = []
     best = report["best"]
     if best:
         boxes += [
-            (in_words(goal, value), _goal(goal))
+            (in_words(goal, value), unitless(goal))
             for goal, value in zip(report["goals"], best["values"], strict=True)
         ]
         boxes.append((str(best["number"]), "its trial"))
@@ -70,20 +66,10 @@ def _answer(report: Mapping[str, Any]) -> Markup:
 def _alarms(report: Mapping[str, Any]) -> Markup:
     """Alarms that a reader must not overlook."""
     says = list(report["warnings"])
-    near = report["best"] or report["nearest"] or {}
     if report["best"] is None:
         says.append("No trial was run to its end: there is no design.")
     elif not report["best"]["feasible"]:
         says.append("No trial satisfies all constraints; this design violates them least.")
-    for limit in report["limits"]:
-        label = limit["label"]
-        by = near.get("missed", {}).get(limit["at"])
-        if by is not None:
-            nearest = in_words(label, near["measures"][limit["at"]])
-            says.append(
-                f"{_goal(label)}, {limit['bounds']}: the nearest is {nearest}, which misses that by"
-                f" {in_words(label, by)}."
-            )
     if report["ended"] != "done":
         says.append(f"The search has not ended: {report['ended']}.")
     return joined(tag("p", one, class_="alarm") for one in says)
@@ -117,15 +103,13 @@ def _directions(facts: Mapping[str, Any]) -> Markup:
 
 def _measures(report: Mapping[str, Any]) -> Markup:
     """Goals and constraints of the best design."""
-    best = report["best"]
+    values = report["best"]["values"] if report["best"] else ()
     rows = [
-        (_goal(goal), in_words(goal, value), "")
-        for goal, value in zip(report["goals"], best["values"], strict=True)
+        (unitless(goal), in_words(goal, value), "")
+        for goal, value in zip(report["goals"], values, strict=False)
     ]
     for limit in report["limits"]:
-        label = limit["label"]
-        value = in_words(label, best["measures"][limit["at"]])
-        rows.append((_goal(label), value, limit["bounds"]))
+        rows.append((unitless(limit["label"]), limit["value"] + limit["missed"], limit["bounds"]))
     return table(("measure", "value", "bound"), rows)
 
 

@@ -84,15 +84,8 @@ def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
                 rule="this scene has no such slider",
                 remedy=f"use one of {', '.join(list(known)[:8])}",
             )
-        try:
-            out[name] = (
-                math.nan
-                if isinstance(value, bool) or not isinstance(value, (int, float))
-                else float(value)
-            )
-        except OverflowError:  # a whole number of more than 308 digits
-            out[name] = math.inf
-        if not math.isfinite(out[name]):
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or not abs(value) < 1e300:  # compares whole numbers of any size too
             place = f"{known[name].group.lower()} {known[name].label}"
             raise InputError(
                 place,
@@ -100,6 +93,7 @@ def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
                 rule="must be a finite number",
                 remedy="type a number",
             )
+        out[name] = float(value)
     return out
 
 

@@ -133,8 +133,7 @@ class ShapeModel:
         self._mean = residuals.mean(axis=0)
         _, sizes, basis = np.linalg.svd(residuals - self._mean, full_matrices=False)
         share = np.cumsum(sizes**2) / max(float(np.sum(sizes**2)), 1e-300)
-        kept = max(1, min(int(np.sum(share < 1 - 1e-6)) + 1, len(x) - 1))
-        self._basis = basis[:kept]
+        self._basis = basis[: max(1, min(int(np.sum(share < 1 - 1e-6)) + 1, len(x) - 1))]
         self._scores = (residuals - self._mean) @ self._basis.T
         self._variance = self._scores.var(axis=0) + 1e-300
         found = minimize(
