@@ -756,6 +756,37 @@ def test_a_trial_keeps_the_measures_that_are_known(tmp_path: Path) -> None:
     assert failed["measures"]["goal[0].maximize"] > 0.0
 
 
+def test_segments_keep_their_sum_and_change_their_order(tmp_path: Path) -> None:
+    """As in a study of shapes: lengths travel with their segments, and all that differ are shifted alike until they meet a bound."""
+    third = "      - magnetization: [0, 0, 1]\n"
+    scene = SCENE.replace("[0, 0, 0]\n", f"[0, 0, 0]\n{third}")
+    ways = "  length: {min: 4 mm, max: 12 mm}\n  order: {}\n  magnetization: {only: [segment 3]}\n"
+    study = STUDY.replace("vary:\n", f"vary:\n{ways}").replace("trials: 6", "trials: 3")
+    found = load_goal(written(tmp_path, study.replace("sampler: tpe\n", ""), scene))
+    assert found.sampler == "tpe"
+    assert [found.begun[f"segment_{k}_length_mm"] for k in (1, 2, 3)] == pytest.approx([20 / 3] * 3)
+    lengths = dict(
+        zip((f"segment_{k}_length_mm" for k in (1, 2, 3)), (12.0, 4.0, 9.0), strict=True)
+    )
+    turned = made(found.scene, found.knobs, {**found.begun, **lengths, "order": "PMM"})
+    assert turned.body.catheter is not None
+    assert turned.body.catheter.segment_lengths() == pytest.approx([4e-3, 9.5e-3, 6.5e-3])
+    assert [region.magnetization for region in turned.regions()] == [
+        (0, 0, 0),
+        (1, 0, 0),
+        (0, 0, 1),
+    ]
+    report = searched(tmp_path, study, scene)
+    assert report.best is not None
+    assert report.tied == {}
+    best = magmpm.load_scene(tmp_path / "out" / "best.yaml")
+    assert best.body.catheter is not None
+    assert sum(best.body.catheter.segment_lengths()) == pytest.approx(20e-3, rel=1e-12)
+    whole = SCENE.replace("[0, 0, 0]", "[1, 0, 0]")
+    with pytest.raises(InputError, match=r"study\.yaml:3: vary\.order.*\n.*an order needs"):
+        load_goal(written(tmp_path, STUDY.replace("vary:\n", "vary:\n  order: {}\n"), whole))
+
+
 def test_what_a_file_leaves_out_may_be_chosen(tmp_path: Path) -> None:
     """Null among choices: the key's default, or nothing, here no gravity, which the best design does without."""
     study = STUDY.replace(
@@ -826,6 +857,17 @@ def test_what_a_file_leaves_out_may_be_chosen(tmp_path: Path) -> None:
             "subject_to[0].with: received 'walls'",
         ),
         ("trials: 6", "subject_to: [{largest_field: {}, at_most: 3}]", "needs a unit"),
+        (
+            "vary:",
+            "vary:\n  length: {min: 12 mm, max: 14 mm}",
+            "must sum to the body's length, 20 mm",
+        ),
+        ("vary:", "vary:\n  length: {min: 4, max: 14}", "a length needs a unit"),
+        (
+            '"field.uniform[2]", min: 1 mT, max: 8 mT}',
+            "body.catheter.length, min: 10 mm, max: 30 mm}\n  length: {min: 4 mm, max: 14 mm}",
+            "is varied twice, by length as well",
+        ),
         ("trials: 6", "subject_to: [{field_energy: {}, at_most: 3}]", "needs a unit"),
         ("trials: 6", "subject_to: [{magnetized_volume: {}, at_most: 3}]", "needs a unit"),
         ("min: 1 mT, max: 8 mT", "min: 1, max: 8", "a flux density needs a unit"),
