@@ -48,8 +48,9 @@ def beyond(value: float, bounds: Bounds, scale: float | None = None) -> list[flo
 
 def all_measured(job: Job, answer: Answer, names: Iterable[str]) -> Plain:
     """Measures of an answer, as `known`."""
-    of = {at: job.measures[at].of_answer for at in names}
-    return known({at: partial(measure, answer, at, job.functions) for at, measure in of.items()})
+    return known(
+        {at: partial(job.measures[at].of_answer, answer, at, job.functions) for at in names}
+    )
 
 
 def known(measures: Mapping[str, Callable[[], float]]) -> Plain:

@@ -43,8 +43,7 @@ class GoalStudy:
     @property
     def measures(self) -> dict[str, Measure]:
         """Every measure by its place in the file."""
-        goals = enumerate(self.file.goals)
-        found = {f"goal[{k}].{goal.key}": goal.measure for k, goal in goals}
+        found = {f"goal[{k}].{goal.key}": goal.measure for k, goal in enumerate(self.file.goals)}
         return found | {f"subject_to[{k}]": one for k, one in enumerate(self.file.subject_to)}
 
     @cached_property

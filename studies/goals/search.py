@@ -521,7 +521,7 @@ class _Seeking:
                     "number": t.number,
                     "why": t.user_attrs[WHY],
                     "params": dict(t.params),
-                    "measures": t.user_attrs.get("measures", {}),
+                    "measures": t.user_attrs["measures"],
                 }
                 for t in finished
                 if WHY in t.user_attrs
@@ -564,7 +564,10 @@ class _Seeking:
         cells = round(scene.thickness / scene.cell) + 1
         found: Plain = {"number": best["number"], "cells_across": cells}
         self._note(f"the best on {cells} cells across")
-        outcome = evaluate.tried(self._job(scene.with_cells(cells), self.out / "finer"))
+        try:
+            outcome = evaluate.tried(self._job(scene.with_cells(cells), self.out / "finer"))
+        except InputError as error:  # cells that do not fit the body
+            outcome = {WHY: in_one_line(error)}
         if WHY in outcome:
             found[WHY] = outcome[WHY]
         else:
