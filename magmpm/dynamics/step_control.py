@@ -376,7 +376,6 @@ class StepControl:
                 now = None
         elif watch[WHY] == STIFF:
             trouble = self._find_bound()
-            now = None
         elif (
             self._halvings and watch[QUICKEST] < 0.25 * MOST_CHANGE_OF_STIFFNESS
         ):  # calm: steps grow again

@@ -14,6 +14,7 @@ import numpy as np
 
 from magmpm.compiled.jit import compiled, compiled_elsewhere, inner
 from magmpm.fields import dipole, spline
+from magmpm.fields.spline import inward, outward
 
 PLACE: list[Any] = [
     ("uniform", np.float64, (3,)),  # T
@@ -32,32 +33,10 @@ DIPOLE = dipole.DIPOLE_SIZE
 
 
 @inner
-def _inward(place, x0, x1, x2):
-    """R^T v."""
-    R = place.frame
-    return (
-        R[0] * x0 + R[3] * x1 + R[6] * x2,
-        R[1] * x0 + R[4] * x1 + R[7] * x2,
-        R[2] * x0 + R[5] * x1 + R[8] * x2,
-    )
-
-
-@inner
-def _outward(place, y0, y1, y2):
-    """R v."""
-    R = place.frame
-    return (
-        R[0] * y0 + R[1] * y1 + R[2] * y2,
-        R[3] * y0 + R[4] * y1 + R[5] * y2,
-        R[6] * y0 + R[7] * y1 + R[8] * y2,
-    )
-
-
-@inner
 def _local(place, x):
     """The point in the sources' frame."""
     o = place.origin
-    return _inward(place, x[0] - o[0], x[1] - o[1], x[2] - o[2])
+    return inward(place.frame, 0, x[0] - o[0], x[1] - o[1], x[2] - o[2])
 
 
 @compiled
@@ -80,7 +59,7 @@ def field(place, data, x):
         b1 = b1 + c1
         b2 = b2 + c2
         at = at + _spline_size(data, at)
-    b0, b1, b2 = _outward(place, b0, b1, b2)
+    b0, b1, b2 = outward(place.frame, 0, b0, b1, b2)
     u = place.uniform
     s = place.strength
     return u[0] + s * b0, u[1] + s * b1, u[2] + s * b2
@@ -112,11 +91,12 @@ def _sum_of_nine(p, q):
 def pull(place, data, x, m0, m1, m2):
     """(grad B)^T m (3), the gradient of m . B: the force on a moment m (A m^2), N."""
     y0, y1, y2 = _local(place, x)
-    n0, n1, n2 = _inward(place, m0, m1, m2)
+    n0, n1, n2 = inward(place.frame, 0, m0, m1, m2)
     a, b, c, d, e, f, g, h, i = _local_gradient(data, y0, y1, y2)
     s = place.strength
-    return _outward(
-        place,
+    return outward(
+        place.frame,
+        0,
         s * (a * n0 + d * n1 + g * n2),
         s * (b * n0 + e * n1 + h * n2),
         s * (c * n0 + f * n1 + i * n2),
@@ -153,7 +133,7 @@ def _sum_of_six(p, q):
 def curvature(place, data, x, m0, m1, m2, scale, H):
     """H (3, 3) += scale d^2(m . B)/dx_i dx_j, with m in A m^2: N/m."""
     y0, y1, y2 = _local(place, x)
-    n0, n1, n2 = _inward(place, m0, m1, m2)
+    n0, n1, n2 = inward(place.frame, 0, m0, m1, m2)
     total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     at = 2
     for _ in range(int(data[0])):

@@ -72,24 +72,22 @@ def packed(lower: Array, spacing: Array, values: Array, frame: Array | None = No
 
 
 @inner
-def _inward(data, at, y0, y1, y2):
-    """A vector along the table's axes."""
-    R = at + AXES
+def inward(R, at, y0, y1, y2):
+    """A vector along the axes that are the columns of the matrix (3, 3) in R from index `at` on, row by row."""
     return (
-        data[R] * y0 + data[R + 3] * y1 + data[R + 6] * y2,
-        data[R + 1] * y0 + data[R + 4] * y1 + data[R + 7] * y2,
-        data[R + 2] * y0 + data[R + 5] * y1 + data[R + 8] * y2,
+        R[at] * y0 + R[at + 3] * y1 + R[at + 6] * y2,
+        R[at + 1] * y0 + R[at + 4] * y1 + R[at + 7] * y2,
+        R[at + 2] * y0 + R[at + 5] * y1 + R[at + 8] * y2,
     )
 
 
 @inner
-def _outward(data, at, y0, y1, y2):
-    """A vector of the table's axes along those of the points."""
-    R = at + AXES
+def outward(R, at, y0, y1, y2):
+    """A vector of those axes along those of the points: `inward`, backward."""
     return (
-        data[R] * y0 + data[R + 1] * y1 + data[R + 2] * y2,
-        data[R + 3] * y0 + data[R + 4] * y1 + data[R + 5] * y2,
-        data[R + 6] * y0 + data[R + 7] * y1 + data[R + 8] * y2,
+        R[at] * y0 + R[at + 1] * y1 + R[at + 2] * y2,
+        R[at + 3] * y0 + R[at + 4] * y1 + R[at + 5] * y2,
+        R[at + 6] * y0 + R[at + 7] * y1 + R[at + 8] * y2,
     )
 
 
@@ -157,7 +155,8 @@ def size_of(data, at):
 @compiled
 def value(data, at, y0, y1, y2):
     """B (3) at a point, T."""
-    y0, y1, y2 = _inward(data, at, y0, y1, y2)
+    axes = at + AXES
+    y0, y1, y2 = inward(data, axes, y0, y1, y2)
     i, r, j, s, k, t, rows, columns = _place(data, at, y0, y1, y2)
     # the row's first two nodes, and its last two
     near = splat(0.0)
@@ -172,13 +171,14 @@ def value(data, at, y0, y1, y2):
     b0, b1, b2 = folded(
         near * halves(_weight(0, t), _weight(1, t)) + far * halves(_weight(2, t), _weight(3, t))
     )
-    return _outward(data, at, b0, b1, b2)
+    return outward(data, axes, b0, b1, b2)
 
 
 @compiled
 def gradient(data, at, y0, y1, y2):
     """dB_i/dy_j (9), row i, T/m."""
-    y0, y1, y2 = _inward(data, at, y0, y1, y2)
+    axes = at + AXES
+    y0, y1, y2 = inward(data, axes, y0, y1, y2)
     i, r, j, s, k, t, rows, columns = _place(data, at, y0, y1, y2)
     near_x = splat(0.0)
     far_x = splat(0.0)
@@ -214,12 +214,12 @@ def gradient(data, at, y0, y1, y2):
     q = _per_cell(data, at, 1, y1)
     u = _per_cell(data, at, 2, y2)
     # R G R^T: its rows turned, then its columns
-    a0, a1, a2 = _outward(data, at, p * x0, q * z0, u * u0)
-    b0, b1, b2 = _outward(data, at, p * x1, q * z1, u * u1)
-    c0, c1, c2 = _outward(data, at, p * x2, q * z2, u * u2)
-    x0, x1, x2 = _outward(data, at, a0, b0, c0)
-    y0, y1, y2 = _outward(data, at, a1, b1, c1)
-    z0, z1, z2 = _outward(data, at, a2, b2, c2)
+    a0, a1, a2 = outward(data, axes, p * x0, q * z0, u * u0)
+    b0, b1, b2 = outward(data, axes, p * x1, q * z1, u * u1)
+    c0, c1, c2 = outward(data, axes, p * x2, q * z2, u * u2)
+    x0, x1, x2 = outward(data, axes, a0, b0, c0)
+    y0, y1, y2 = outward(data, axes, a1, b1, c1)
+    z0, z1, z2 = outward(data, axes, a2, b2, c2)
     return x0, y0, z0, x1, y1, z1, x2, y2, z2
 
 
@@ -233,8 +233,9 @@ def _per_cell(data, at, axis, y):
 @compiled
 def curvature(data, at, y0, y1, y2, m0, m1, m2):
     """Second derivatives xx, yy, zz, xy, xz, yz of m . B, T/m^2 times the unit of m."""
-    y0, y1, y2 = _inward(data, at, y0, y1, y2)
-    m0, m1, m2 = _inward(data, at, m0, m1, m2)
+    axes = at + AXES
+    y0, y1, y2 = inward(data, axes, y0, y1, y2)
+    m0, m1, m2 = inward(data, axes, m0, m1, m2)
     i, r, j, s, k, t, rows, columns = _place(data, at, y0, y1, y2)
     xx = 0.0
     yy = 0.0
@@ -271,10 +272,10 @@ def curvature(data, at, y0, y1, y2, m0, m1, m2):
     xz = xz * p * u
     yz = yz * q * u
     # R H R^T: its rows turned, then its columns
-    a0, a1, a2 = _outward(data, at, xx, xy, xz)
-    b0, b1, b2 = _outward(data, at, xy, yy, yz)
-    c0, c1, c2 = _outward(data, at, xz, yz, zz)
-    x0, x1, x2 = _outward(data, at, a0, b0, c0)
-    _, y1, y2 = _outward(data, at, a1, b1, c1)
-    _, _, z2 = _outward(data, at, a2, b2, c2)
+    a0, a1, a2 = outward(data, axes, xx, xy, xz)
+    b0, b1, b2 = outward(data, axes, xy, yy, yz)
+    c0, c1, c2 = outward(data, axes, xz, yz, zz)
+    x0, x1, x2 = outward(data, axes, a0, b0, c0)
+    _, y1, y2 = outward(data, axes, a1, b1, c1)
+    _, _, z2 = outward(data, axes, a2, b2, c2)
     return x0, y1, z2, x1, x2, y2

@@ -124,7 +124,5 @@ def along_arc(model: StaticModel, grid: Array, direction: Array, fraction: float
 
 def _turned(angles: Array, vectors: Array) -> Array:
     """Vectors (p, n, 3) turned by rotation vectors (p, 3) rad."""
-    x, y, z = angles.T
-    none = np.zeros(len(angles))
-    skew = np.array([[none, -z, y], [z, none, -x], [-y, x, none]]).transpose(2, 0, 1)
-    return np.einsum("pij,pnj->pni", _exponential(skew), vectors)
+    turned = _exponential(np.cross(np.eye(3), angles[:, None]))
+    return vectors @ turned.transpose(0, 2, 1)
