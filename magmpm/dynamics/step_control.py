@@ -126,7 +126,7 @@ def stiffness(model: Model, F: Array) -> Array:
     Kernels check it in every step; formulas in materials (`stiffest`).
     """
     J = np.linalg.det(F)
-    cofactor = np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
+    cofactor = J[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
     I1 = np.einsum("nij,nij->n", F, F)
     I2 = np.einsum("nij,nij->n", cofactor, cofactor)
     pressure = model.bulk * volume_change(model, J)
@@ -181,6 +181,11 @@ def viscous_step(motion: TotalMotion, body: float) -> dict[str, float]:
     rate = _fastest(motion, lambda z: still - motion.slowed(z, records))
     quarter = rate * body / 4.0
     return {named.key(): body * (math.hypot(1.0, quarter) - quarter)}
+
+
+def _energy(*state: Any) -> float:
+    """Sum of all energies, J, of a state that `measure` takes."""
+    return sum(measure(*state).energies.values())
 
 
 def _fastest(motion: TotalMotion, returning: Callable[[Array], Array]) -> float:
@@ -363,6 +368,8 @@ class StepControl:
         watch[QUICKEST] = 0.0
         kept = motion.kept()
         before = self._before or motion.kinematics()
+        if self._drift is not None and math.isnan(self._drift.last):
+            self._drift.passes(_energy(motion, named, before, time), before.kinetic)
         taken, _ = take(motion, named, steps, dt)
         now = motion.kinematics() if watch[WHY] == GOING else None
         changed = 0.0 if now is None else float(np.abs(now.F - before.F).max()) / max(taken, 1)
@@ -384,7 +391,7 @@ class StepControl:
         now = now or motion.kinematics()
         if self._drift is not None and taken and trouble is None:
             finer = self._drift.finer
-            total = sum(measure(motion, named, now, time + taken * dt).energies.values())
+            total = _energy(motion, named, now, time + taken * dt)
             if not self._drift.passes(total, now.kinetic):
                 taken = 0
                 motion.rewind(kept)

@@ -13,7 +13,7 @@ from reference.moving import moving_scene
 from reference.scenes import rod_scene
 from reference.stopped import interrupted
 
-from magmpm.dynamics import own_loads
+from magmpm.dynamics import own_loads, step_control
 from magmpm.dynamics.own_loads import OwnLoads
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval
 from magmpm.effects import acting
@@ -91,13 +91,14 @@ def test_what_segments_do_to_each_other_follows_the_shape(
     monkeypatch: pytest.MonkeyPatch, single: int, held: int
 ) -> None:
     """A load acts at the shape for which it was computed: of one step at its start, where leapfrog pushes; of two in their middle."""
-    for name, value in {
-        "SINGLE": single,
-        "MOST_STEPS_HELD": held,
-        "MOST_CHANGE_OF_HELD_LOAD": 1e9,
-        "ADDED": 1e9,
-    }.items():
-        monkeypatch.setattr(own_loads, name, value)
+    for module, name, value in [
+        (own_loads, "SINGLE", single),
+        (own_loads, "MOST_STEPS_HELD", held),
+        (own_loads, "MOST_CHANGE_OF_HELD_LOAD", 1e9),
+        (own_loads, "ADDED", 1e9),
+        (step_control, "DRIFT", 1e9),  # eight steps from rest add more to so little kinetic energy
+    ]:
+        monkeypatch.setattr(module, name, value)
     model = segments_that_turn()
     moved = begin(model)
     interval(moved, 8 * moved.control.step)
