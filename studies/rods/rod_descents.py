@@ -377,6 +377,24 @@ class DescendingRods:
         starts = len(uniform)
         directions = _on_sphere(uniform[:, : 3 * self.count].reshape(starts, -1, 3))
         field = _on_sphere(uniform[:, None, -3:])[:, 0] * (0.4 + 0.6 * uniform[:, -1:])
+        return self.begun_with(directions, field)
+
+    def begun_with(self, directions: Array, field: Array) -> RodDescents:
+        """Begin descents at given designs, from the straight rod.
+
+        Parameters
+        ----------
+        directions : array (s, k, 3), no unit
+            Unit vectors.
+        field : array (s, 3), no unit
+            In shares of the greatest.
+
+        Returns
+        -------
+        RodDescents
+            The descents.
+        """
+        starts = len(field)
         return self.state(directions, field, self.family.straight(starts), np.full(starts, DAMPING))
 
     def beside(self, at: RodDescents, draw: np.random.Generator, turn: float) -> RodDescents:

@@ -118,19 +118,16 @@ def rod_designs(
     except SolveError:
         return []
     points = _points(problem, seed)
-    first = np.asarray(points.random(starts))
+    first = points.random(starts)
     found = _verified(scene, problem, regions, _searched(problem, first))
-    for near, search in _more_searches(problem, first, np.asarray(points.random(starts))):
+    for near, search in _more_searches(problem, first, points.random(starts)):
         if any(design.rms < near * scene.length for design in found):
             return found[:keep]
         for within, at in search():  # what a smaller bound allows the last one allows
             last = within.field_max == field_max
             found += _verified(scene, within, regions, at if last else at.best(EACH_BOUND))
         found = _best_first(found, scene.length)
-    if found and found[0].rms > FAR_FROM_TARGET * scene.length:
-        beside = _beside(problem, found, np.random.default_rng([seed]))
-        found = _best_first([*found, *_verified(scene, problem, regions, beside)], scene.length)
-    return found[:keep]
+    return _with_those_beside(scene, problem, regions, found, seed)[:keep]
 
 
 def _searched(problem: DescendingRods, uniform: Array) -> RodDescents:
@@ -142,24 +139,28 @@ def _searched(problem: DescendingRods, uniform: Array) -> RodDescents:
     return problem.carefully(at, [(12, 12)])
 
 
-def _beside(
+def _with_those_beside(
+    scene: Scene,
     problem: DescendingRods,
-    found: Sequence[RodDesign],
-    draw: np.random.Generator,
+    regions: Sequence[int],
+    found: list[RodDesign],
+    seed: int,
     rounds: int = 6,
-    count: int = 12,
-    turn: float = 0.3,
-) -> RodDescents:
-    """Descents from designs beside the best ones, `rounds` times; turn, rad: of directions and field, root mean square about each axis."""
-    chosen = [found[k % len(found)] for k in range(count)]
+) -> list[RodDesign]:
+    """The designs found, and where the best is far from the target what descents from designs beside the best ones find, in `rounds`."""
+    if not found or found[0].rms <= FAR_FROM_TARGET * scene.length:
+        return found
+    count = 12
+    draw = np.random.default_rng([seed])
+    chosen = (found * count)[:count]
     directions = np.stack([design.directions for design in chosen])
     field = np.stack([design.field for design in chosen]) / (problem.field_max or 1.0)
-    straight = problem.family.straight(count)
-    at = problem.carefully(problem.state(directions, field, straight, np.full(count, DAMPING)), [])
+    at = problem.carefully(problem.begun_with(directions, field), [])
     for _ in range(rounds):
-        at = at.and_those(problem.carefully(problem.beside(at, draw, turn), [(12, count)]))
-        at = at.best(count)
-    return problem.carefully(at, [(12, 8)])
+        more = problem.beside(at, draw, turn=0.3)
+        at = at.and_those(problem.carefully(more, [(12, count)])).best(count)
+    found = found + _verified(scene, problem, regions, problem.carefully(at, [(12, 8)]))
+    return _best_first(found, scene.length)
 
 
 def _more_searches(
@@ -362,7 +363,7 @@ class RodForetells:
             gaps = self._gaps(self._space.scene_of(design))
         except SolveError:
             return None
-        return np.asarray(gaps / np.sqrt(len(gaps))).reshape(-1)
+        return (gaps / np.sqrt(len(gaps))).reshape(-1)
 
     def improved(self, share: float, designs: Sequence[Parameters]) -> list[Start]:
         """Improve designs within a bound of the field.
@@ -394,17 +395,17 @@ class RodForetells:
         here = problem.within(bound)
         x = np.array([space.embedded(design) for design in designs])
         field = in_ball(x[:, -3:] / bound)
-        directions = x[:, :-3].reshape(len(x), -1, 3)
-        begun = here.state(
-            directions, field, problem.family.straight(len(x)), np.full(len(x), DAMPING)
-        )
+        begun = here.begun_with(x[:, :-3].reshape(len(x), -1, 3), field)
         at = here.carefully(begun, [(6, 12), (8, 8)])
+        judged = space.scene, here, space.segments
+        # shortened designs get caught where more field is no help; half the rounds: each bound asks
+        found = _with_those_beside(*judged, _verified(*judged, at), seed=0, rounds=3)
         return [
             (
                 design.rms,
                 space.parameters_at(np.concatenate([design.directions.ravel(), design.field])),
             )
-            for design in _verified(space.scene, here, space.segments, at)
+            for design in found
         ]
 
 

@@ -16,7 +16,7 @@ from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.explain_miss import _bound, reachable_curvature, target_bends
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
-from magmpm.studies.rods.rod_designs import RodDesign, rod_designs
+from magmpm.studies.rods.rod_designs import RodDesign, RodForetells, rod_designs, rod_starts
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.scene_edits import within
 from magmpm.studies.search.search_space import SearchSpace
@@ -168,6 +168,29 @@ def test_a_search_goes_on_where_the_rod_is_about_to_snap(tmp_path: Path) -> None
     scene = load_scene(path)
     found = [rod_designs(scene, TURNED, [0, 1, 2], 7.85e-3, seed=seed)[0].rms for seed in (1, 2, 3)]
     assert max(found) < 0.06 * scene.length
+
+
+def test_within_a_bound_of_a_front_designs_are_about_as_good_as_within_it_alone(
+    tmp_path: Path,
+) -> None:
+    """A catheter that turns by half a circle, in half of the field that a front may use.
+
+    Designs of other bounds, shortened, ended twice as far from the target as those of a search within this one alone.
+    """
+    scene = CATHETER.replace("19.863 mm", "30 mm").replace("1.387 mm", "2.4 mm")
+    scene = scene.replace("85.805 kPa", "150 kPa").replace("108.638", "110")
+    path = write_study(tmp_path, FIELD.replace("10 mT", "30 mT"), scene)
+    turn = np.linspace(0.0, np.pi, 9)
+    half = 30e-3 / np.pi * np.stack([turn, np.sin(turn), 0 * turn, 1 - np.cos(turn)], axis=1)
+    write_centreline(tmp_path / "target.csv", half)
+    study = load_study(path)
+    space = SearchSpace.of(study)
+    model = RodForetells.of(space, half)
+    assert model is not None
+    found = model.improved(0.5, rod_starts(space, half, 1, by_bound=True))
+    alone = rod_designs(study.scene, half, [0, 1, 2], 15e-3)
+    assert all(start["field_mT"] <= 15 * (1 + 1e-12) for _, start in found)
+    assert found[0][0] < 1.5 * alone[0].rms
 
 
 def test_designs_of_rods_are_on_the_branch_that_grows_from_no_load(tmp_path: Path) -> None:
