@@ -137,7 +137,8 @@ def run(
 
 def _told_run(scene: Scene, options: RunOptions, progress: bool | None) -> Result:
     """The result, with a bar for what runs along time, lines in the log, and its warnings."""
-    notices.warn(overloaded(scene), scene.hash())
+    too_much = overloaded(scene)
+    notices.warn(too_much, scene.hash())
     with notices.Watched(
         scene.name, scene.duration if scene.in_time else None, "s", progress
     ) as watched:
@@ -149,6 +150,7 @@ def _told_run(scene: Scene, options: RunOptions, progress: bool | None) -> Resul
             if isinstance(error.state, Result):
                 notices.warn(error.state.warnings, scene.hash())
             raise
+        result.warnings[:0] = too_much
         watched.ended(result)
     notices.warn(result.warnings, scene.hash())
     return result
