@@ -25,8 +25,8 @@ from magmpm.viz.from_result import Still, trial_snapshot
 
 MOVING = swing.text("duration: 0.4 ms, output_every: 0.2 ms")
 RESTING = swing.text(solver="{static: {field_steps: 4}}")
-# Its ramp ends at 70 % of the load: three of Newton's steps are too few.
-FAILING = RESTING.replace("[0 mT, 2 mT, 20 mT]", "[-60 mT, 2 mT, 6 mT]").replace(
+# Its ramp ends at 29 % of the load: three of Newton's steps are too few.
+FAILING = RESTING.replace("[0 mT, 2 mT, 20 mT]", "[-150 mT, 2 mT, 6 mT]").replace(
     "field_steps: 4", "field_steps: 4, max_steps: 3"
 )
 OUT = Path("runs/swing")
@@ -218,7 +218,7 @@ def test_a_failed_equilibrium_is_marked(run) -> None:
     assert Path(summary["folder"]) == OUT
     share = summary["load_share"]
     assert not summary["converged"]
-    assert 0.5 < share < 1.0
+    assert 0.2 < share < 0.5
     assert "no equilibrium within" in summary["failure"]
     assert (OUT / PICTURE).stat().st_size > 5_000
     assert json.loads((OUT / NUMBERS).read_text())["load_share"] == share
@@ -227,7 +227,7 @@ def test_a_failed_equilibrium_is_marked(run) -> None:
     assert found.tip[2] > 0.5e-3  # bent along the field
     assert trial_snapshot(found).caption() == f"NOT THE ANSWER: at {100 * share:.3g} % of the load"
     assert trial_snapshot(found).field == pytest.approx(
-        [-60e-3 * share, 2e-3 * share, 6e-3 * share]
+        [-150e-3 * share, 2e-3 * share, 6e-3 * share]
     )
     assert Still(found).snapshot().caption() == trial_snapshot(found).caption()
 
