@@ -397,9 +397,14 @@ class RodForetells:
         field = in_ball(x[:, -3:] / bound)
         begun = here.begun_with(x[:, :-3].reshape(len(x), -1, 3), field)
         at = here.carefully(begun, [(6, 12), (8, 8)])
-        judged = space.scene, here, space.segments
-        # shortened designs get caught where more field is no help; half the rounds: each bound asks
-        found = _with_those_beside(*judged, _verified(*judged, at), seed=0, rounds=3)
+        found = _verified(space.scene, here, space.segments, at)
+        # of the least cost of designs in weaker fields: above it more field was no help
+        helped = 0.8
+        weaker = begun.cost[np.linalg.norm(field, axis=1) < 1.0]
+        if not (weaker.size and at.cost.min() < helped * weaker.min()):
+            found = _with_those_beside(
+                space.scene, here, space.segments, found, seed=0, rounds=3
+            )  # half the rounds: each bound asks
         return [
             (
                 design.rms,
