@@ -398,8 +398,9 @@ class RodForetells:
         begun = here.begun_with(x[:, :-3].reshape(len(x), -1, 3), field)
         at = here.carefully(begun, [(6, 12), (8, 8)])
         found = _verified(space.scene, here, space.segments, at)
-        # of the least cost of designs in weaker fields: above it more field was no help
-        helped = 0.8
+        # of the least cost of designs in weaker fields, 5 % of their distance: above it more field
+        # was no help
+        helped = 0.95**2
         weaker = begun.cost[np.linalg.norm(field, axis=1) < 1.0]
         if not (weaker.size and at.cost.min() < helped * weaker.min()):
             found = _with_those_beside(
