@@ -148,6 +148,7 @@ def _told_run(scene: Scene, options: RunOptions, progress: bool | None) -> Resul
             result = _saved_run(scene, options)
         except SolveError as error:
             if isinstance(error.state, Result):
+                error.state.warnings[:0] = too_much
                 notices.warn(error.state.warnings, scene.hash())
             raise
         result.warnings[:0] = too_much

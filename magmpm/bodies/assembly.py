@@ -304,7 +304,8 @@ class Parts(BodyShape):
         return (0.0 if far[nearest] <= unit * small else far[nearest]), free[nearest]
 
     def hollow_parts(self) -> list[str]:
-        return [self.part_names()[k] for k in hollow([part.mesh for part in self.meshes])]
+        names = self.part_names()
+        return [names[k] for k in hollow([part.mesh for part in self.meshes])]
 
     def part_names(self) -> tuple[str, ...]:
         return different_names([part.name for part in self.meshes])

@@ -124,7 +124,8 @@ def _split(triangles: Array, axis: int, plane: Array) -> Array:
     ab[:, axis] = ac[:, axis] = plane
     made = [np.stack(t, axis=1) for t in ((a, ab, ac), (ab, b, c), (ab, c, ac))]
     pieces = np.concatenate(made)
-    return pieces[~np.all(pieces == pieces[:, :1], axis=(1, 2))]
+    flat = np.all(pieces == pieces[:, :1], axis=(1, 2))
+    return pieces[~flat]
 
 
 ON_PLANE = 1e-9  # of a cell

@@ -120,7 +120,8 @@ class Progress:
         begun, before = self._first
         left = ""
         if before < done < total:
-            left = f", about {_duration((now - begun) / (done - before) * (total - done))} left"
+            seconds = (now - begun) / (done - before) * (total - done)
+            left = f", about {_duration(seconds)} left"
         parts = f"{_amount(done)} of {_amount(total)}{unit and ' '}{unit}"
         self._line(f"{self._title}: {parts}{left}{text and '; '}{text}")
 

@@ -78,7 +78,8 @@ def command(options: argparse.Namespace) -> int:
             rule=f"must hold the study {saved['name']}",
             remedy="name its database with --storage",
         ) from None
-    (Notes if goal is None else GoalNotes)(study, folder, artifacts).keep_up()
+    notes = Notes if goal is None else GoalNotes
+    notes(study, folder, artifacts).keep_up()
     guard = Guard()
     start = f"/dashboard/studies/{study_id(study)}"
     app = guarded(

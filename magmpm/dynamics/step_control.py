@@ -183,9 +183,9 @@ def viscous_step(motion: TotalMotion, body: float) -> dict[str, float]:
     return {named.key(): body * (math.hypot(1.0, quarter) - quarter)}
 
 
-def _energy(*state: Any) -> float:
-    """Sum of all energies, J, of a state that `measure` takes."""
-    return sum(measure(*state).energies.values())
+def _energy(motion: TotalMotion, named: Records, now: Kinematics, time: float) -> float:
+    """Sum of all energies, J, of a motion at a time, s."""
+    return sum(measure(motion, named, now, time).energies.values())
 
 
 def _fastest(motion: TotalMotion, returning: Callable[[Array], Array]) -> float:

@@ -75,7 +75,8 @@ def _node_weights(at: Wetted) -> tuple[Array, Array, Array]:
         slope[:, k, 2] = w[:, 0, a] * w[:, 1, b] * at.slopes[:, 2, c]
     tangents = at.surface.tangents
     along = np.einsum("nkj,nj->nk", slope, tangents[:, 0])
-    return value, along, np.einsum("nkj,nj->nk", slope, tangents[:, 1])
+    over = np.einsum("nkj,nj->nk", slope, tangents[:, 1])
+    return value, along, over
 
 
 def _carried(model: Model, fluid: Fluid, order: Index, nodes: Nodes) -> tuple[Index, Array]:

@@ -141,7 +141,8 @@ def _moved(shapes: Array) -> float:
 def _out_of_plane(shapes: Array) -> float:
     """The farthest (m) the axis leaves the plane through its base and x that fits it best."""
     yz = (shapes - shapes[:, :1])[..., 1:].reshape(-1, 2)
-    return float(np.abs(yz @ np.linalg.svd(yz, full_matrices=False)[2][-1]).max())
+    normal = np.linalg.svd(yz, full_matrices=False)[2][-1]
+    return float(np.abs(yz @ normal).max())
 
 
 @dataclass(frozen=True)

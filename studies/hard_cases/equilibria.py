@@ -151,7 +151,8 @@ def _from_a_loaded_neighbor(scene: Scene) -> float:
 
 def _flux(load: float) -> float:
     """Flux density (T) of a load M B A L^2/(E' I) on the strip, E' = E/(1 - nu^2), A/I = 12/t^2."""
-    E = young_modulus(G, RATIO * G) / (1 - poisson_ratio(G, RATIO * G) ** 2)
+    nu = poisson_ratio(G, RATIO * G)
+    E = young_modulus(G, RATIO * G) / (1 - nu**2)
     return float(load * E * THICK**2 * MU0 / (12 * REMANENCE * STRIP**2))
 
 

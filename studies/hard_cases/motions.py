@@ -346,7 +346,8 @@ def bending_field(
     ----------
     Wang et al., JMPS 142 (2020) 104045.
     """
-    size = load * young_modulus(G, RATIO * G) * MU0 * DIAMETER**2 / (16 * REMANENCE * length**2)
+    E = young_modulus(G, RATIO * G)
+    size = load * E * MU0 * DIAMETER**2 / (16 * REMANENCE * length**2)
     return [float(size * np.cos(angle)), 0.0, float(size * np.sin(angle))]
 
 

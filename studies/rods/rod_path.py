@@ -297,7 +297,8 @@ def _longer(last: RodStop, depth: Depth) -> Array:
     """The quaternions (n + 1, 4) of a stop's rod with what has left the guide since, straight, at its base."""
     old = last.depth.place
     new = depth.place
-    return unit(linear(new - (new[-1] - old[-1]), old, last.q))
+    at = new - (new[-1] - old[-1])
+    return unit(linear(at, old, last.q))
 
 
 def search(
