@@ -1,7 +1,7 @@
 """Map of a body's tip over many uniform fields, and of the fields where its position is not certain: `magmpm map`.
 
 The fields lie along rays to all sides, or on a grid of two components. Paths join neighbors: each solve learns from those before
-(explore.neighbors). The equilibria are those that `magmpm run` finds: the rod follows the branch that grows from no load. Paths know
+(statics.neighbors). The equilibria are those that `magmpm run` finds: the rod follows the branch that grows from no load. Paths know
 nothing of each other: it does not matter which process takes one.
 
 Rods say which shapes snap while the field grows, and which fields have another stable shape: a thousand take a second or two. Each begins
@@ -37,8 +37,8 @@ from magmpm.solving.precompile import prepare_kernels
 from magmpm.statics.axis import tip
 from magmpm.statics.equilibrium import Following, solve_static
 from magmpm.statics.layout import model_at_rest
+from magmpm.statics.neighbors import Neighbors
 from magmpm.statics.stability import BRINK
-from magmpm.studies.explore.neighbors import Neighbors
 
 # as many processes can share the work; longer paths learn more. Their number is fixed, so that a
 # map is the same on any machine

@@ -1,12 +1,17 @@
-"""Runs of a scene over values of its numbers: every combination, in processes, resumable, one row each."""
+"""Runs of a scene over values of its numbers: every combination, in processes, resumable, one row each.
+
+Rows next to each other are a path, which one process follows: solves at rest begin from what those before them in the path have added to
+their rods (statics.neighbors), in half the time. Paths know nothing of each other: it does not matter which process takes one, nor how many
+there are. So rows are those of `run` to what the solver's tolerance leaves, and the same to the last bit for any number of processes.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import marshal
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -21,8 +26,11 @@ from magmpm.compiled.process import Died
 from magmpm.errors import InputError, MagmpmError, in_one_line, require
 from magmpm.inputs.settings import validate
 from magmpm.results.folder_lock import folder_lock
+from magmpm.rod.cantilever import is_cantilever
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import changed, check_apart, places
+from magmpm.statics.equilibrium import Following
+from magmpm.statics.neighbors import Neighbors
 from magmpm.studies.goals import Plain, evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.evaluate import WHY
@@ -150,7 +158,14 @@ def sweep(
         if executor is None and count > 1 and len(jobs) > 1:
             executor = stack.enter_context(evaluate.Processes(min(count, len(jobs))))
 
-        def took(k: int, outcome: _Outcome) -> None:
+        paths = _paths(jobs, len(combined))
+        for k, outcome in _outcomes(jobs, paths, executor, bool(functions)):
+            if isinstance(
+                outcome, Died
+            ):  # not kept: a run that the system killed may go through again
+                evaluate.forget(jobs[k].folder)
+                rows[k] = {**combined[k][0], WHY: f"the process that ran it {outcome}"}
+                continue
             found, answer = outcome
             if answer is not None:
                 own = {name: partial(called, of, answer, name) for name, of in functions.items()}
@@ -164,21 +179,6 @@ def sweep(
                     stream.write(json.dumps({"key": keys[k], "found": found}) + "\n")
             if on_row is not None:
                 on_row(rows[k])
-
-        if executor is None:
-            for k, job in jobs.items():
-                took(k, _measured(job, bool(functions)))
-        else:
-            futures: dict[Future[_Outcome], int] = {
-                executor.submit(_measured, job, bool(functions)): k for k, job in jobs.items()
-            }
-            for done in as_completed(futures):
-                try:
-                    took(futures[done], done.result())
-                except Died as death:  # not kept: a run that the system killed may go through again
-                    k = futures[done]
-                    evaluate.forget(jobs[k].folder)
-                    rows[k] = {**combined[k][0], WHY: f"the process that ran it {death}"}
     return SweepTable([rows[k] for k in sorted(rows)])
 
 
@@ -301,20 +301,74 @@ def _known(folder: Path | None) -> dict[str, Plain]:
     return found
 
 
-def _measured(job: evaluate.Job, with_answer: bool) -> _Outcome:
-    """The measures of a run, or why it failed; and its Result or Motion, where it is asked for.
+def _paths(jobs: Mapping[int, evaluate.Job], rows: int) -> list[list[int]]:
+    """Numbers of the rows that are run, in paths: of equilibria of straight bodies up to eight neighbors, while there are as many paths."""
+    longest = 8
+    together = min(-(-rows // longest), longest)
+    paths: dict[tuple[int, int], list[int]] = {}
+    for k, job in jobs.items():
+        alone = k if job.scene.in_time or not is_cantilever(job.scene) else -1
+        paths.setdefault((k // together, alone), []).append(k)
+    return list(paths.values())
+
+
+def _outcomes(
+    jobs: Mapping[int, evaluate.Job],
+    paths: list[list[int]],
+    executor: Executor | None,
+    with_answer: bool,
+) -> Iterator[tuple[int, _Outcome | Died]]:
+    """The rows' numbers and outcomes as they come. Where a process ends, the rows of its path are run one by one."""
+    if executor is None:
+        for path in paths:
+            yield from zip(path, _along([jobs[k] for k in path], with_answer), strict=True)
+        return
+    left: dict[Future[list[_Outcome]], list[int]] = {}
+    while paths or left:
+        for path in paths:
+            left[executor.submit(_followed, [jobs[k] for k in path], with_answer)] = path
+        paths = []
+        for done in wait(left, return_when=FIRST_COMPLETED).done:
+            path = left.pop(done)
+            try:
+                yield from zip(path, done.result(), strict=True)
+            except Died as death:
+                if len(path) > 1:
+                    paths += [[k] for k in path]
+                else:
+                    yield path[0], death
+
+
+def _followed(jobs: Sequence[evaluate.Job], with_answer: bool) -> list[_Outcome]:
+    """The outcomes of a path, for another process."""
+    return list(_along(jobs, with_answer))
+
+
+def _along(jobs: Sequence[evaluate.Job], with_answer: bool) -> Iterator[_Outcome]:
+    """The outcomes along a path: measures of a run, or why it failed; and its Result or Motion, where it is asked for.
 
     The stability of an equilibrium, a sixth of its time, is found where it is asked for, or may be.
     """
     from magmpm.simulate import RunOptions, simulated
 
-    scene = job.scene
-    judged = with_answer or any(of.stability or of.python for of in job.measures.values())
-    try:
-        if scene.in_time:
-            answer = evaluate.answered(scene, job.folder)
-        else:
-            answer = Answer(scene, simulated(scene, RunOptions(judged=judged)))
-    except MagmpmError as error:
-        return {WHY: in_one_line(error)}, None
-    return evaluate.all_measured(job, answer, job.measures), answer.given if with_answer else None
+    measures = jobs[0].measures.values()
+    judged = with_answer or any(of.stability or of.python for of in measures)
+    neighbors = Neighbors()
+    following = Following(neighbors.expected, with_stability=judged)
+    for job in jobs:
+        scene = job.scene
+        # errors that are requested take several grids, whose solves know each other
+        alone = len(jobs) == 1 or scene.resolution.requested
+        options = RunOptions(start=None if alone else following, judged=judged)
+        try:
+            if scene.in_time:
+                answer = evaluate.answered(scene, job.folder)
+            else:
+                result = simulated(scene, options)
+                neighbors.learn(result.grid_correction)
+                answer = Answer(scene, result)
+        except MagmpmError as error:
+            yield {WHY: in_one_line(error)}, None
+            continue
+        found = evaluate.all_measured(job, answer, job.measures)
+        yield found, answer.given if with_answer else None

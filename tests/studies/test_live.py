@@ -13,9 +13,8 @@ import pytest
 from magmpm import load_scene, run
 from magmpm.compiled.process import Process
 from magmpm.errors import InputError
-from magmpm.model import build
 from magmpm.scene import Scene
-from magmpm.statics.layout import static_model
+from magmpm.statics.neighbors import Neighbors
 from magmpm.studies.explore.live import (
     Preview,
     SolverProcess,
@@ -25,7 +24,6 @@ from magmpm.studies.explore.live import (
     ready,
     saved,
 )
-from magmpm.studies.explore.neighbors import Neighbors
 from magmpm.studies.explore.tip_map import (
     MARKS,
     _along,
@@ -264,7 +262,7 @@ def test_no_soft_mode_is_lost_on_a_symmetric_way() -> None:
     fields = in_plane(225, 20e-3, "xz")
     path = next(path for path in fields.paths if 142 in path)
     way = [(k, fields.values[k].tolist()) for k in path[: path.index(142) + 1]]
-    last = list(_along(scene, static_model(build(scene)), way))[-1]
+    last = list(_along(scene, way))[-1]
     alone = run(scene.with_field(way[-1][1]))
     assert alone.stability is not None
     assert abs(last.stability - alone.stability) < 1e-4

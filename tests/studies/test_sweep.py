@@ -51,6 +51,23 @@ def test_a_process_that_ends_is_a_failed_row_that_is_tried_again(tmp_path: Path)
     assert swept() == [False, False, False]
 
 
+def test_a_process_that_ends_costs_its_own_row_alone(tmp_path: Path) -> None:
+    """Also where it follows neighbors: they are run again, one by one."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    (tmp_path / "own.py").write_text(
+        "import os\n\n\ndef reach(result):\n"
+        "    if 4.05e-3 < result.field[2] < 4.15e-3:\n        os._exit(3)\n"
+        "    return result.tip[2]\n"
+    )
+    values = {"field.uniform[2]": [1e-4 * k for k in range(30, 50)]}
+    table = magmpm.sweep(
+        tmp_path / "scene.yaml", values, measure=[{"python": "own.py:reach"}], workers=2
+    )
+    failed = [row for row in table.rows if "failed" in row]
+    assert [row["field.uniform[2]"] for row in failed] == [1e-4 * 41]
+    assert len(table) == 20
+
+
 def test_a_value_that_the_scene_refuses_is_a_failed_row(tmp_path: Path) -> None:
     """The others run; where no row can, the sweep is refused."""
     scene = Scene.from_si(plain(SCENE))
@@ -126,6 +143,36 @@ def test_rows_are_runs_whatever_they_change(workers: int) -> None:
         settings = {places(scene, address)[0]: row[address] for address in values}
         alone = run(changed(scene, settings))
         assert [row["tip_x_m"], row["tip_y_m"], row["tip_z_m"]] == list(alone.tip)
+
+
+def test_rows_of_long_tables_begin_from_their_neighbors(tmp_path: Path) -> None:
+    """They are those of runs as solves from different starts are, to 1e-6 of the length, whatever changes between two of them; and the same
+    to the last bit for any number of processes. One field is so strong that the rod turns round, away from its neighbors."""
+    scene = Scene.from_si(plain(SCENE))
+    values: dict[str, list[Any]] = {
+        "body.catheter.diameter": ["4 mm", "3.6 mm"],
+        "body.catheter.segments[0].magnetization": [[1, 0, 0], [-1, 0, 0.2]],
+        "field.uniform[2]": [*(f"{k} mT" for k in range(1, 6)), "40 mT"],
+    }
+    table = magmpm.sweep(scene, values, measure=["tip", "stability"], workers=1)
+    again = magmpm.sweep(
+        scene, values, measure=["tip", "stability"], workers=2, folder=tmp_path / "s"
+    )
+    assert table.rows == again.rows
+    for row in table.rows:
+        settings = {places(scene, address)[0]: row[address] for address in values}
+        alone = run(changed(scene, settings))
+        tip = [row["tip_x_m"], row["tip_y_m"], row["tip_z_m"]]
+        np.testing.assert_allclose(tip, alone.tip, rtol=0, atol=1e-6 * scene.length)
+        assert abs(row["stability"] - alone.stability) < 1e-4
+    kept = (tmp_path / "s" / ROWS).read_text().splitlines()
+    assert len(kept) == len(table)
+    (tmp_path / "s" / ROWS).write_text("\n".join(kept[:10]) + "\n")
+    rest = magmpm.sweep(
+        scene, values, measure=["tip", "stability"], workers=2, folder=tmp_path / "s"
+    )
+    for row, before in zip(rest.rows, table.rows, strict=True):
+        assert abs(row["tip_z_m"] - before["tip_z_m"]) < 1e-6 * scene.length
 
 
 def test_stability_is_found_where_it_is_asked_for() -> None:

@@ -25,8 +25,8 @@ from magmpm.statics.axis import centreline
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Following
 from magmpm.statics.layout import model_at_rest
+from magmpm.statics.neighbors import Neighbors
 from magmpm.statics.rod_start import from_rod, with_correction
-from magmpm.studies.explore.neighbors import Neighbors
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
 
