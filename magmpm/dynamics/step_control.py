@@ -55,8 +55,8 @@ from magmpm.scene.options import Dynamic
 MOST_CHANGE_OF_STIFFNESS = (
     0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
 )
-# of the largest kinetic energy: how far the sum of all energies may move; a motion promises 1 %
-DRIFT = 7.5e-3
+# of the largest kinetic energy: how far the sum of all energies may move (a motion promises 1 %)
+DRIFT = 5e-3
 RESERVE = 0.95  # of the bound: a step above it asks for a new bound
 
 
@@ -273,7 +273,7 @@ class Drift:
         loss = max(self.most, total) - total
         moved = growth if self.loses else max(growth, loss)
         if (
-            moved > max(DRIFT * largest, self.moved) + DRIFT / 64 * largest
+            moved > max(DRIFT * largest, self.moved + DRIFT / 64 * largest)
             and self.finer < most_halvings
         ):
             self.finer += 1
