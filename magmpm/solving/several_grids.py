@@ -25,7 +25,6 @@ from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.precompile import PROOFS, SOLVE, prepare_kernels
 from magmpm.solving.solve import Progress, RunOptions, solve
-from magmpm.statics.error_estimate import INTERMEDIATE
 from magmpm.statics.grids import (
     PARTICLE,
     Equilibria,
@@ -43,7 +42,7 @@ from magmpm.statics.resolution import (
     choose,
     first_cells,
     known_error,
-    proofs,
+    needed_for,
 )
 
 
@@ -139,7 +138,7 @@ class Runs(Grids):
 
     def times(self, cells: int) -> float:
         """Cost of a run on a grid together with its error, over that of the run alone."""
-        more = sum(self.effort(n) for n in needed_for(self.scene, cells))
+        more = sum(self.effort(n) for n in needed_for(cells, self.scene))
         return 1.0 + more / self.effort(cells)
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
@@ -408,11 +407,6 @@ def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
     }
 
 
-def needed_for(scene: Scene, cells: int) -> list[int]:
-    """The finer grids, by their cells across, from which a grid's error is known."""
-    return sorted({*INTERMEDIATE.get(cells, ()), proofs(scene)[cells]})
-
-
 def overloaded(scene: Scene) -> list[str]:
     """Warn, before a body at rest is solved, of materials that its loads stretch beyond what the law describes, whatever its shape.
 
@@ -452,7 +446,7 @@ def cost_in_words(scene: Scene) -> str:
     first = first_cells(scene)
     if not isinstance(grids, Runs):
         return ""
-    *others, last = needed_for(scene, first)
+    *others, last = needed_for(first, scene)
     return (
         f"to know its error, the whole {'motion' if scene.solver.dynamic else 'path'} is run on"
         f" {', '.join(map(str, [first, *others]))} and {last} cells across: about"

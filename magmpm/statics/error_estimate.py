@@ -48,7 +48,7 @@ PROOF = {
     12: 16,
 }  # cells across: of the grid that tells another's error
 INTERMEDIATE = {
-    2: (3,)
+    2: 3
 }  # grids between that tell whether errors fall steadily: neighbors' differences say little and count for less
 SAFETY = {2: 1.25, 3: 1.35}
 
@@ -73,21 +73,13 @@ def bound(
 def factor(coarse: int, fine: int, around: float = 0.0) -> float:
     """The factor between the difference of two grids and the bound of the coarser one's error.
 
-    around: the part of a tube's error that more cells around its axis leave, `left_around`; 0 without such cells.
+    around: the part of a tube's error that more cells around its axis leave; 0 without such cells.
     """
     return SAFETY.get(coarse, 1.0) / (1.0 - max(left(coarse, fine), around))
 
 
-def left(coarse: int, fine: int) -> float:
-    """The part of a grid's error that a finer one leaves, at most."""
-    return (coarse / fine) ** ORDER
-
-
-def left_around(coarse: int, fine: int, order: float = 5.2) -> float:
-    """The part of the error of a tube's cells around its axis that more of them leave, at most. It does not depend on the other cells.
-
-    order: the slowest of six tubes, with walls of 0.1 to 0.65 of the radius, between 8 and 18 cells around, was 5.28 (docs/accuracy.md).
-    """
+def left(coarse: int, fine: int, order: float = ORDER) -> float:
+    """The part of a grid's error that a finer one leaves, at most: of errors that fall at this order, or faster."""
     return (coarse / fine) ** order
 
 

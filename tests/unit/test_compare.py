@@ -147,7 +147,7 @@ def test_the_uncertainty_holds_on_the_finest_grid(name: str, cells: int) -> None
 
 
 def test_jointed_bodies_are_told_by_finer_grids_from_either_side() -> None:
-    """Where materials meet, 3 cells are proven by 6 (statics.resolution.JOINTED)."""
+    """Where materials meet, 3 cells are proven by 6 (statics.resolution.proofs)."""
     sizes = {"directions": (X, X), "field": [0.0, 0.0, 2e-3], "length": LENGTH, "cells": 3}
     soft = rod_scene(**sizes)
     tip = rod_scene(**sizes, shear=(G, 2.0 * G))
