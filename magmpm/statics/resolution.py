@@ -8,6 +8,7 @@ else (compare) by whole runs.
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,12 +56,11 @@ class _GridSearch:
         [int], float
     ]  # seconds of the time requested that a grid will take once it is chosen
     errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
-    proof: dict[int, int] = field(
-        init=False
-    )  # of a grid, by cells across, the one that tells its error
 
-    def __post_init__(self) -> None:
-        self.proof = proofs(*self.grids.scenes)
+    @cached_property
+    def proof(self) -> dict[int, int]:
+        """Of a grid, by cells across, the one that tells its error."""
+        return proofs(*self.grids.scenes)
 
     @property
     def scene(self) -> Scene:
@@ -69,15 +69,14 @@ class _GridSearch:
     def prove(self, cells: int) -> None:
         """Solve a grid, and the finer one from which its error is known."""
         grids = self.grids
-        *between, finer = needed_for(cells, *grids.scenes)
+        finer = self.proof[cells]
         grids.solve(cells)
-        grids.prove(finer, cells)
-        for intermediate in between:
-            grids.prove(intermediate, cells)
+        for other in reversed(needed_for(cells, *grids.scenes)):
+            grids.prove(other, cells)
         others = {
             n: grids.distance_between(n, finer) for n in grids.solved if n < finer and n != cells
         }
-        around = max(left_around(scene, cells, finer) for scene in grids.scenes)
+        around = max(left_in_tube(scene, cells, finer) for scene in grids.scenes)
         known = law.bound(cells, finer, grids.distance_between(cells, finer), others, around)
         self.errors[cells] = (
             max(
@@ -128,55 +127,52 @@ def known_error(grids: Grids, cells: int) -> ChosenGrid:
 def proofs(*scenes: Scene) -> dict[int, int]:
     """Finer grid that gives the error of a grid, by cells across.
 
-    Where materials meet it has twice as many: then each run between joints has (bodies.grid). Else a
-    run may have as many cells as before, whose error the difference does not show.
+    It is finer in every direction: a difference does not show the error of one that has as many cells as before. Where materials meet
+    it has twice as many, and so has each run between joints (bodies.grid). A tube's has more around its axis, where their number grows
+    slowly, and twice as many through its wall, unless one is enough.
     """
-    joints = _jointed(*scenes)
+    jointed = any(knots_of(scene).joints for scene in scenes)
     return {
-        cells: max(_finer_around(scene, cells, 2 * cells if joints else finer) for scene in scenes)
+        cells: max(_finer_in_tube(one, cells, 2 * cells if jointed else finer) for one in scenes)
         for cells, finer in PROOF.items()
     }
 
 
 def needed_for(cells: int, *scenes: Scene) -> list[int]:
     """The finer grids from which a grid's error is known, by their cells across: last the one that gives it, before it one that tells
-    whether errors fall steadily; where materials meet that is the one by which other bodies' errors are known.
+    whether errors fall steadily: where that is finer than others need, the one that they do.
     """
-    finer = proofs(*scenes)[cells]
-    usual = PROOF[cells] if _jointed(*scenes) else finer
-    return sorted({law.INTERMEDIATE.get(cells, usual), finer})
+    return sorted({law.INTERMEDIATE.get(cells, PROOF[cells]), proofs(*scenes)[cells]})
 
 
-def _jointed(*scenes: Scene) -> bool:
-    """True if materials meet in one of the scenes."""
-    return any(knots_of(scene).joints for scene in scenes)
-
-
-def _finer_around(scene: Scene, cells: int, finer: int) -> int:
-    """The coarsest grid from `finer` on with more cells around a tube's axis, whose number grows slowly; `finer` without such cells."""
-    around = _around(scene, cells)
-    while around and _around(scene, finer) <= around:
+def _finer_in_tube(scene: Scene, cells: int, finer: int) -> int:
+    """The coarsest grid from `finer` on that is finer around a tube's axis and through its wall; `finer` where cells lie in rows."""
+    around, through = _in_tube(scene, cells)
+    least = (around + 1, 2 * through if through > 1 else 1)
+    while around and np.less(_in_tube(scene, finer), least).any():
         finer += 1
     return finer
 
 
-def _around(scene: Scene, cells: int) -> int:
-    """Number of cells around a tube's axis on a grid; 0 where cells lie in rows."""
+def _in_tube(scene: Scene, cells: int) -> tuple[int, int]:
+    """Numbers of cells around a tube's axis and through its wall on a grid; 0 where cells lie in rows."""
     grid = scene.body.shape.grid(cells, knots_of(scene))
-    return grid.cells[1] if isinstance(grid, PolarGrid) else 0
+    return grid.cells[1:] if isinstance(grid, PolarGrid) else (0, 0)
 
 
-def left_around(scene: Scene, cells: int, finer: int) -> float:
-    """The part of the error of the cells around a tube's axis that a finer grid leaves, at most, whatever the other cells; 0 where cells
-    lie in rows. Its slowest order in six tubes, with walls of 0.1 to 0.65 of the radius, between 8 and 18 cells around, was 5.28.
+def left_in_tube(scene: Scene, cells: int, finer: int) -> float:
+    """The part of the error of the cells in a tube's section that a finer grid leaves, at most, whatever those along; 0 where cells lie
+    in rows. Around, the slowest order in six tubes, with walls of 0.1 to 0.65 of the radius, between 8 and 18 cells, was 5.28.
     """
-    around = _around(scene, cells)
-    return law.left(around, _around(scene, finer), order=5.2) if around else 0.0
+    around, through = _in_tube(scene, cells)
+    more_around, more_through = _in_tube(scene, finer)
+    section = law.left(around, more_around or 1, order=5.2)
+    return max(section, law.left(through, more_through)) if through > 1 else section
 
 
 def first_cells(scene: Scene) -> int:
     """Cells across of the first grid that is tried."""
-    return max(coarsest_cells(scene), FIRST_JOINTED if _jointed(scene) else 0)
+    return max(coarsest_cells(scene), FIRST_JOINTED if knots_of(scene).joints else 0)
 
 
 def choose(
@@ -257,17 +253,18 @@ def _check_met(search: _GridSearch, failed: int, failure: SolveError | None) -> 
 def check_possible(scene: Scene) -> None:
     """Raises SceneError where no choice can be made, before anything is solved."""
     wanted = scene.resolution.allowed(scene.length)
-    key = "resolution.error" if wanted is not None else "resolution.seconds"
-    if wanted is not None and wanted > LARGEST * scene.length:
+    if wanted is None:
+        return
+    if wanted > LARGEST * scene.length:
         raise SceneError(
-            key,
+            "resolution.error",
             received=f"{1e3 * wanted:g} mm",
             rule=f"must be at most half of the length, {500 * scene.length:g} mm",
             remedy="check number and unit",
         )
-    if wanted is not None and wanted < LEAST_REACHABLE_ERROR * scene.length:
+    if wanted < LEAST_REACHABLE_ERROR * scene.length:
         raise SceneError(
-            key,
+            "resolution.error",
             received=f"{100 * wanted / scene.length:.2g} % of the length",
             rule=(
                 f"equilibria are accurate to {100 * LEAST_REACHABLE_ERROR:g} % of the"
@@ -337,10 +334,9 @@ def _next_in_time(search: _GridSearch, tried: int, finer: list[int]) -> int | No
 def _too_short(search: _GridSearch, needed: float) -> SceneError:
     """needed: seconds that the coarsest grid takes with its proof, as far as that is known."""
     limit = search.scene.resolution.seconds
-    cells = first_cells(search.scene)
     if not search.errors and search.grids.solved:
         needed = sum(one.seconds for one in search.grids.solved.values()) + search.grids.takes(
-            search.proof[cells], proof=True
+            search.proof[first_cells(search.scene)], proof=True
         )
     known = f"{needed:.2g} s here" if search.grids.solved else "which took longer"
     return SceneError(

@@ -26,7 +26,7 @@ from magmpm.scene import Scene, load_scene, memory
 from magmpm.simulate import run
 from magmpm.statics.error_estimate import factor
 from magmpm.statics.grids import operations
-from magmpm.statics.resolution import left_around, proofs
+from magmpm.statics.resolution import left_in_tube, proofs
 from magmpm.studies.engine.records import BEST
 from magmpm.studies.evaluate.evaluator import evaluation_of
 from magmpm.studies.problem.shape_distance import root_mean_square
@@ -214,7 +214,7 @@ def finer(
         "finer_cells": proof,
         "moved_m": moved,
         "tip_moved_m": tip,
-        "error_estimate_m": factor(cells, proof, left_around(last.scene, cells, proof)) * moved,
+        "error_estimate_m": factor(cells, proof, left_in_tube(last.scene, cells, proof)) * moved,
     }
     return {**known, "rms_m": rms[0], "finer_rms_m": rms[1]}
 

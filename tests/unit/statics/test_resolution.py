@@ -12,6 +12,7 @@ from reference.scenes import rod_scene
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from magmpm import Result, Scene, run
+from magmpm.bodies.grid import AT_REST
 from magmpm.errors import SceneError, SolveError
 from magmpm.model import build
 from magmpm.results.measures import largest_distance
@@ -29,7 +30,7 @@ from magmpm.statics.error_estimate import (
 )
 from magmpm.statics.grids import Equilibria, operations
 from magmpm.statics.layout import StaticModel, static_model
-from magmpm.statics.resolution import known_error, left_around, proofs
+from magmpm.statics.resolution import known_error, left_in_tube, proofs
 
 SCENES = Path(__file__).resolve().parents[3] / "data/scenes"
 LENGTH = 24e-3
@@ -318,14 +319,11 @@ def test_the_matrix_takes_the_bytes_that_are_said_before_anything_is_built(scene
     assert 1.0 <= operations(scene)[1] / (8 * 3 * layout.planes * layout.m**2) < 1.1
 
 
-@pytest.mark.parametrize("cells", [4, pytest.param(6, marks=pytest.mark.slow)])
-def test_the_bound_of_a_tubes_error_counts_its_cells_around(cells: int) -> None:
+def test_the_bound_of_a_tubes_error_counts_its_cells_around() -> None:
     """A slender tube with a bore of a third: 4 and 6 cells across both have 10 around its axis, where nearly all of its error is."""
-    scene = rod_scene(length=96e-3, inner_diameter=1.3e-3, field=(0.0, 0.0, 0.4e-3)).with_cells(
-        cells
-    )
-    known = known_error(Equilibria(scene), cells)
-    finer = scene.with_cells(8 if cells == 4 else 9)  # 12 around
+    scene = rod_scene(length=96e-3, inner_diameter=1.3e-3, field=(0.0, 0.0, 0.4e-3)).with_cells(4)
+    known = known_error(Equilibria(scene), 4)
+    finer = scene.with_cells(8)  # 12 around
     around = [build(one).grid.cells[1] for one in (scene, finer)]
     assert around == [10, 12]
     apart = largest_distance(run(scene), run(finer).centreline)
@@ -333,12 +331,28 @@ def test_the_bound_of_a_tubes_error_counts_its_cells_around(cells: int) -> None:
     assert apart < known.error < 3.3 * apart
 
 
+def test_the_bound_of_a_tubes_error_counts_its_cells_through_the_wall() -> None:
+    """A short, thick tube, K/G 300, at 4 cells: two through its wall, where nearly all of its error is. By 7 cells, with three, 0.006 % of
+    the length were promised, and 0.038 % are true, against 16 cells: from two to three that error does not fall yet.
+    """
+    tube = {"length": 18e-3, "diameter": 3.8e-3, "inner_diameter": 1.216e-3, "shear": 898e3}
+    scene = rod_scene(**tube, bulk_to_shear=300.0, remanence=0.12, field=(0, 0, 0.1), cells=4)
+    known = known_error(Equilibria(scene), 4)
+    true = largest_distance(run(scene), run(scene.with_cells(16)).centreline)
+    assert 0.3 * known.error < true < known.error
+
+
 @pytest.mark.parametrize("bore", [0.31, 0.44, 0.5, 0.62, 0.8, 0.9])
-def test_a_finer_grid_that_tells_an_error_is_finer_around_a_tube(bore: float) -> None:
+def test_a_finer_grid_that_tells_an_error_is_finer_around_a_tube_and_through_its_wall(
+    bore: float,
+) -> None:
     scene = rod_scene(inner_diameter=bore * 4e-3)
     for cells, finer in proofs(scene).items():
         assert finer >= PROOF[cells]
-        assert 0.0 < left_around(scene, cells, finer) < 1.0
+        assert 0.0 < left_in_tube(scene, cells, finer) < 1.0
+        coarse, fine = (scene.body.shape.grid(n, AT_REST).cells for n in (cells, finer))
+        assert fine[1] > coarse[1]
+        assert fine[2] >= (2 * coarse[2] if coarse[2] > 1 else 1)
 
 
 def test_the_order_of_errors_that_fall_as_h_squared_is_two() -> None:
