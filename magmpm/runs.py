@@ -263,7 +263,7 @@ def compare(
     apart = pair.apart(across, finer)
     if by_user:
         notices.warn(known.report.get("warnings", []), one.hash())
-    time = max(apart, key=lambda t: apart[t])
+    time = max(apart, key=apart.__getitem__)
     first, second = (pair.answer(scene, across).result for scene in pair.scenes)
     return Comparison(
         distance=apart[time],

@@ -144,7 +144,7 @@ class Runs(Grids):
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
         """Raise SceneError at a time (s) of the first grid's motion, `gone` s after it began, if the error requested will take too long."""
         scene = self.scene
-        allowed = self.scene.resolution.allowed(self.scene.length)
+        allowed = scene.resolution.allowed(scene.length)
         if (
             self.solved
             or not scene.in_time
@@ -153,12 +153,7 @@ class Runs(Grids):
             or gone < 0.01 * LONGEST_RUN
         ):  # then the pace is known
             return
-        end = (
-            scene.solver.dynamic.duration
-            if scene.solver.dynamic is not None
-            else scene.path_times()[-1]
-        )
-        alone = gone * end / at
+        alone = gone * scene.duration / at
         times = self.times(cells)
         if alone * times > LONGEST_RUN:
             raise SceneError(
@@ -401,7 +396,7 @@ def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
         for first, last in spans
     ]
     return {
-        "largest_at": max(distances, key=lambda t: distances[t]),
+        "largest_at": max(distances, key=distances.__getitem__),
         "unknown": spans,
         "warnings": words,
     }

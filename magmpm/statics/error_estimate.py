@@ -62,11 +62,7 @@ def bound(
     (bodies of large K/G), the two are close by chance, and the finer grid's own error, as the one in between tells it, counts.
     around: as of `factor`.
     """
-    own = [
-        distance * left(n, fine) / (1.0 - left(n, fine))
-        for n, distance in others.items()
-        if n > coarse
-    ]
+    own = [distance / (1.0 / left(n, fine) - 1.0) for n, distance in others.items() if n > coarse]
     return max(factor(coarse, fine, around) * difference, difference + WARY * max(own, default=0.0))
 
 

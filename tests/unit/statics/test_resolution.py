@@ -305,7 +305,7 @@ def test_the_grid_that_tells_a_jointed_bodys_error_has_more_cells_in_each_run() 
     true = largest_distance(run(scene.with_cells(4)), run(scene.with_cells(16)).centreline)
     assert 0.3 * known.error < true < known.error
     for cells, finer in proofs(scene).items():
-        assert finer == 2 * cells
+        assert finer == min(2 * cells, 16)
 
 
 @pytest.mark.parametrize(
@@ -352,7 +352,7 @@ def test_a_finer_grid_that_tells_an_error_is_finer_around_a_tube_and_through_its
         assert 0.0 < left_in_tube(scene, cells, finer) < 1.0
         coarse, fine = (scene.body.shape.grid(n, AT_REST).cells for n in (cells, finer))
         assert fine[1] > coarse[1]
-        assert fine[2] >= (2 * coarse[2] if coarse[2] > 1 else 1)
+        assert fine[2] >= (2 * coarse[2] if coarse[2] > 1 else 1) or finer == 16
 
 
 def test_the_order_of_errors_that_fall_as_h_squared_is_two() -> None:
