@@ -26,14 +26,22 @@ WORST = 1.5
 
 
 def options_of(
-    about: str | None, first: int, scenes: int, out: str, jointed: bool = False
+    about: str | None,
+    first: int,
+    scenes: int,
+    out: str,
+    jointed: bool = False,
+    cells: bool = False,
 ) -> argparse.Namespace:
-    """The options of a benchmark over seeds; out: a file in runs/bench; jointed: whether bodies can be of soft and stiff segments."""
+    """The options of a benchmark over seeds; out: a file in runs/bench; jointed: whether bodies can be of soft and stiff segments; cells:
+    whether the cells across can be given."""
     parser = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     if jointed:
         parser.add_argument("--jointed", action="store_true")
+    if cells:
+        parser.add_argument("--cells", type=int)
     parser.add_argument("--first", type=int, default=first)
     parser.add_argument("--scenes", type=int, default=scenes)
     parser.add_argument("--out", type=Path, default=Path("runs/bench") / out)
