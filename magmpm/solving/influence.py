@@ -109,12 +109,13 @@ class Variants(Runs):
         return self.answer(scene, self.cells + finer).frames
 
     def _rough(self, scene: Scene, other: Scene) -> bool:
-        """True if what distinguishes two variants is resolved only roughly by the coarsest grid: contact, or blocks of its cells' size."""
+        """True if the coarsest grid resolves a shift only roughly: where the body may touch, whatever moves it, or by blocks of its cells."""
         kinds = scene.effects.every().items()
-        rough = [
-            key for key, kind in kinds if kind.PHASE == "contact" or key == "magnetic_interaction"
-        ]
-        return any(getattr(scene.effects, key) != getattr(other.effects, key) for key in rough)
+        touching = any(
+            kind.PHASE == "contact" and getattr(scene.effects, key) for key, kind in kinds
+        )
+        apart = scene.effects.magnetic_interaction != other.effects.magnetic_interaction
+        return touching or apart
 
     def _distance(self, scene: Scene, other: Scene, finer: int) -> float:
         return max(self.frames(scene, finer).distances(self.frames(other, finer)).values())

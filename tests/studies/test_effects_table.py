@@ -279,6 +279,15 @@ def test_a_motion_that_takes_too_long_is_judged_by_its_rest() -> None:
     assert row(slow, "viscosity").advice == "keep"
 
 
+class Known(Variants):
+    """Variants whose distances (mm) on the coarsest grid and on a finer one are given."""
+
+    millimeters = (0.0, 0.0)
+
+    def _distance(self, scene: Scene, other: Scene, finer: int) -> float:
+        return 1e-3 * self.millimeters[min(finer, 1)]
+
+
 @pytest.mark.parametrize(
     ("shift", "finer", "value", "uncertainty"),
     [(0.4, 9.9, 0.4, 0.2), (0.9, 1.2, 1.2, 0.3), (1.6, 1.2, 1.2, 0.4)],
@@ -288,14 +297,29 @@ def test_what_may_matter_is_looked_at_with_one_cell_more(
 ) -> None:
     """A shift below half of the error is not; of others the grid's part is known, and the uncertainty is no smaller (mm)."""
 
-    class Known(Variants):
-        def _distance(self, scene: Scene, other: Scene, more: int) -> float:
-            return 1e-3 * (finer if more else shift)
-
     scene = rod_scene(field=FIELD)
-    found = Known(scene, error=1e-3).shift(scene, scene)
+    known = Known(scene, error=1e-3)
+    known.millimeters = (shift, finer)
+    found = known.shift(scene, scene)
     assert found.value == pytest.approx(1e-3 * value)
     assert 1e-3 * uncertainty * (1 - 1e-9) <= found.uncertainty < 1.2e-3 * uncertainty
+
+
+@pytest.mark.parametrize(
+    ("ground", "value"), [({}, 2.0), ({"ground": {"point": [0, 0, -0.1]}}, 2.3)]
+)
+def test_shifts_where_a_body_may_touch_are_those_of_a_finer_grid(
+    ground: dict[str, Any], value: float
+) -> None:
+    """Of seven fed motions in a vessel, the shift of damping was off by 16 % on 2 cells, that of gravity by 12 and 9 %; without contact by
+    2.5 % at most.
+    """
+    scene = moving_scene(BODY, {"gravity": {}, "damping": {"rate": 1.0}, **ground}, duration=1e-4)
+    known = Known(scene, error=1e-3)
+    known.millimeters = (2.0, 2.3)
+    found = known.shift(scene, scene.with_effects(gravity=None))
+    assert found.value == pytest.approx(1e-3 * value)
+    assert (found.uncertainty > 0.3e-3) == bool(ground)
 
 
 def test_a_rod_would_do_where_it_was_found_to() -> None:
