@@ -109,7 +109,7 @@ class Variants(Runs):
         return self.answer(scene, self.cells + finer).frames
 
     def _rough(self, scene: Scene, other: Scene) -> bool:
-        """True if the coarsest grid resolves a shift only roughly: where the body may touch, whatever moves it, or by blocks of its cells."""
+        """True if the coarsest grid resolves a shift only roughly: where the body may touch, or by blocks of its cells."""
         kinds = scene.effects.every().items()
         touching = any(
             kind.PHASE == "contact" and getattr(scene.effects, key) for key, kind in kinds
