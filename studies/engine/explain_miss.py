@@ -134,7 +134,7 @@ def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
 def _stronger_field(study: Study, space: SearchSpace, good: float) -> list[Finding]:
     """Report what the rod finds in stronger fields: what a field reaches, every stronger one reaches too."""
     assert space.field_max is not None
-    scene = space.scene_at(space.nearest(np.full(space.size, 0.5)))
+    scene = space.scene_at(space.middle)
     reached: list[tuple[float, float]] = []
     for factor in (1.0, 1.5, 2.0, 3.0):
         designs = rod_designs(

@@ -143,7 +143,7 @@ class Trajectory(Evaluation, ABC):
         dict[str, float]
             Parameters by name.
         """
-        x = np.full(self.space.size, 0.5)
+        x = self.space.middle
         directions = design.directions[list(self.space.segments)]
         x[: directions.size] = directions.ravel()
         x[directions.size : directions.size + design.fields.size] = design.fields.ravel()
@@ -254,8 +254,11 @@ class Trajectory(Evaluation, ABC):
         """Derivatives (3 m, size) of an equilibrium's gaps by the design's embedded coordinates."""
         hidden = self.hidden(found)
         variables = [
-            v if v.region is None else replace(v, region=v.region + hidden) for v in found.variables
-        ]  # type: ignore
+            v
+            if v.region is None
+            else replace(v, place=(*v.place[:3], int(v.place[3]) + hidden, *v.place[4:]))
+            for v in found.variables
+        ]
         chain = self.space.chain(
             variables, self.space.embedded(params), field=self.field_number(number)
         )
@@ -614,8 +617,8 @@ class InsertionTrajectory(Trajectory):
             bool(space.segments)
             and space.field_max is not None
             and space.fields == depths > 1
-            and len(space.blocks) == space.count
-            and not space.order
+            and len(space.blocks) == len(space.segments) + depths
+            and not space.choices
         )
 
     def directions_alone(self) -> SearchSpace:

@@ -668,9 +668,7 @@ class Evaluation:
         errors = self.study.robust
         if self.study.sampler == "gauss-newton":
             share = 1.0 / np.sqrt(len(gap))
-            chain = self.space.chain(
-                found.variables, self.space.embedded(params), params.get("order")
-            )
+            chain = self.space.chain(found.variables, self.space.embedded(params))
             model = stored(share * gap.reshape(-1), share * slopes.reshape(gap.size, -1) @ chain)
         return (
             model

@@ -13,47 +13,12 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from magmpm.inputs.settings import Settings, fault, write_json_schema
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.problem.study_file import Search
-from magmpm.studies.problem.variables import (
-    LENGTH,
-    ORDER,
-    Varied,
-    VaryLength,
-    VaryNumber,
-    VaryOrder,
-)
+from magmpm.studies.problem.variables import VaryAnything
 
 SCHEMA = Path(__file__).parents[1] / "goal.schema.json"
 SLSQP = "slsqp"  # steps along derivatives
 GAUSS_NEWTON = "gauss-newton"  # ... to targets alone
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random", SLSQP, GAUSS_NEWTON)
-
-
-class VaryDirections(Settings):
-    """Directions of magnetization: of each magnetized region, or of some."""
-
-    only: tuple[str, ...] | None = Field(
-        default=None,
-        min_length=1,
-        description="Names of the parts or segments whose directions vary; all unless given.",
-        examples=[["arm_1", "arm_2"]],
-    )
-
-
-class VaryAnything(Varied):
-    """Numbers and directions that trials change."""
-
-    magnetization: VaryDirections | None = Field(
-        default=None, description="The direction of each magnetized region: {}.", examples=["{}"]
-    )
-    length: VaryLength | None = LENGTH
-    order: VaryOrder | None = ORDER
-    numbers: tuple[VaryNumber, ...] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=1000,
-        description="Numbers of the scene, by their addresses.",
-        examples=[[{"of": "field.uniform[2]", "min": "2 mT", "max": "8 mT"}]],
-    )
 
 
 class Target(Measure):

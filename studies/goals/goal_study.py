@@ -19,10 +19,10 @@ from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import value_at, written
 from magmpm.scene.variables import check_differentiable, variables
 from magmpm.studies.goals import Bounds, Plain, evaluate
-from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile, VaryAnything
+from magmpm.studies.goals.goal_file import GAUSS_NEWTON, SLSQP, GoalFile
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.own_function import function_of, source_of
-from magmpm.studies.problem.variables import Vary
+from magmpm.studies.problem.variables import Vary, VaryAnything
 from magmpm.studies.search.knobs import Knob, Turning, knobs
 from magmpm.studies.search.search_space import segments
 from magmpm.studies.search.study_checks import check_numbers
@@ -220,20 +220,9 @@ def _directions(vary: VaryAnything, scene: Scene) -> list[Knob]:
     if vary.magnetization is None:
         return []
     regions = scene.regions()
-    names = [regions[k].name for k in scene.magnetized_regions()]
-    only = vary.magnetization.only
-    for name in only or ():
-        if name not in names:
-            raise InputError(
-                "vary.magnetization.only",
-                received=repr(name),
-                rule=f"must be magnetized regions: {', '.join(names) or 'the scene has none'}",
-                remedy="correct the name",
-            )
     return [
         Turning(regions[k].name, (("body", *regions[k].at, "magnetization"),))
-        for k in scene.magnetized_regions()
-        if only is None or regions[k].name in only
+        for k in vary.magnetization.regions(scene)
     ]
 
 

@@ -104,9 +104,10 @@ class Study:
     why_sampler: str | None = None
 
     @property
-    def vary_magnetization(self) -> bool:
-        """True if directions are varied."""
-        return self.vary.magnetization is not None
+    def turned(self) -> list[int]:
+        """Indices of the regions whose directions are varied."""
+        directions = self.vary.magnetization
+        return [] if directions is None else directions.regions(self.scene)
 
     @property
     def field_max(self) -> float | None:
@@ -160,14 +161,9 @@ class Study:
         dict[str, Any]
             Plain data; numbers in SI, the target in mm.
         """
-        vary: dict[str, Any] = {"magnetization": {}} if self.vary_magnetization else {}
-        if self.vary.field is not None:
-            vary["field"] = {"max": self.field_max} | (
-                {} if self.vary.field.at == "once" else {"at": self.vary.field.at}
-            )
-        vary |= self.vary.model_dump(
-            mode="json", exclude={"magnetization", "field"}, exclude_none=True
-        )
+        vary = self.vary.model_dump(mode="json", exclude_none=True)
+        if self.vary.field is not None and self.vary.field.at == "once":
+            del vary["field"]["at"]  # as in studies before there was a choice
         match: Any = {"path" if self.depths else "centreline": _rows(self.target)}
         if self.keyframes:
             match = [
@@ -185,9 +181,10 @@ class Study:
     def _fixed_scene(self) -> dict[str, Any]:
         """The scene's data without what varies."""
         scene = self.scene
-        if self.vary_magnetization:
-            magnetized = np.isin(np.arange(len(scene.regions())), scene.magnetized_regions())
-            scene = scene.with_magnetizations(np.outer(magnetized, [1.0, 0.0, 0.0]))
+        if self.turned:
+            directions = np.array([region.magnetization for region in scene.regions()])
+            directions[self.turned] = [1.0, 0.0, 0.0]
+            scene = scene.with_magnetizations(directions)
         content: dict[str, Any] = scene.model_dump(
             mode="json", exclude={"name", "reference"}, exclude_none=True
         )

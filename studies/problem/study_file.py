@@ -389,6 +389,14 @@ class StudyFile(Search):
         geometry = [
             key for key in ("length", "diameter", "order") if getattr(self.vary, key) is not None
         ]
+        every = [address for number in self.vary.numbers or () for address in number.addresses]
+        of_body = [address for address in every if address.startswith("body.")]
+        if of_body and self.insertion is not None:
+            rule = (
+                "an insertion pushes one catheter to many depths, which have parts of its segments"
+            )
+            remedy = "remove it; directions vary by `magnetization: {only: [segment 1]}`"
+            return f"{rule}, so {of_body[0]} can't vary", remedy, ("vary", "numbers")
         if geometry and self.insertion is not None:
             rule = (
                 "an insertion pushes one catheter to many depths, and so can't vary its"

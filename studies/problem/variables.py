@@ -6,19 +6,57 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from magmpm.inputs.messages import Instead
+from magmpm.errors import InputError
 from magmpm.inputs.quantities import KINDS, format_si
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis
 from magmpm.materials import STIFFEST
+from magmpm.scene import Scene
 
 _Length = Annotated[float, Quantity("length", above="0 mm", at_most="10 m")]
 _Diameter = Annotated[float, Quantity("length", above="0 mm", at_most="1 m")]
 _Modulus = Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)]
 
 
-class VaryMagnetization(Settings):
-    """The direction of each magnetized segment: two angles. No settings."""
+class VaryDirections(Settings):
+    """Directions of magnetization: of each magnetized segment or part, or of some; two angles each."""
+
+    only: tuple[str, ...] | None = Field(
+        default=None,
+        min_length=1,
+        description="Names of the segments or parts whose directions vary; all unless given.",
+        examples=[["segment 1", "segment 2"]],
+    )
+
+    def regions(self, scene: Scene) -> list[int]:
+        """Find the regions of a scene whose directions vary.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+
+        Returns
+        -------
+        list of int
+            Their indices.
+
+        Raises
+        ------
+        InputError
+            For a name of no magnetized region.
+        """
+        names = {k: scene.regions()[k].name for k in scene.magnetized_regions()}
+        for name in self.only or ():
+            if name not in names.values():
+                raise InputError(
+                    "vary.magnetization.only",
+                    received=repr(name),
+                    rule="must be magnetized regions: "
+                    + (", ".join(names.values()) or "the scene has none"),
+                    remedy="correct the name",
+                )
+        return [k for k, name in names.items() if self.only is None or name in self.only]
 
 
 class VaryField(Settings):
@@ -148,8 +186,8 @@ class FreeDirection(Settings):
         return self
 
 
-class VaryWithin(Settings):
-    """A number of the scene within bounds, or several that share one value."""
+class VaryNumber(Settings):
+    """A number of the scene, or several that share one value: bounds, choices, or a direction."""
 
     of: str | tuple[str, ...] = Field(
         description=(
@@ -158,23 +196,11 @@ class VaryWithin(Settings):
         ),
         examples=["effects.gravity.acceleration[0]"],
     )
-    min: Any = Field(description="Least value, with its unit.", examples=["0 m/s^2"])
-    max: Any = Field(description="Greatest value, with its unit.", examples=["5 m/s^2"])
+    min: Any = Field(default=None, description="Least value, with its unit.", examples=["2 Hz"])
+    max: Any = Field(default=None, description="Greatest value, with its unit.", examples=["20 Hz"])
     log: bool = Field(
         default=False, description="Whether the search is on a logarithmic scale.", examples=[True]
     )
-
-    @staticmethod
-    def by_other_keys(key: str, values: Any) -> Instead | None:
-        goal = "`goal: {minimize: {shape: {centreline: target.csv}}}` in place of `match` has it"
-        return Instead(goal) if key in VaryNumber.model_fields else None
-
-
-class VaryNumber(VaryWithin):
-    """A number of the scene, or several that share one value: bounds, choices, or a direction."""
-
-    min: Any = Field(default=None, description="Least value, with its unit.", examples=["2 Hz"])
-    max: Any = Field(default=None, description="Greatest value, with its unit.", examples=["20 Hz"])
     choices: tuple[Any, ...] | None = Field(
         default=None,
         min_length=2,
@@ -192,7 +218,6 @@ class VaryNumber(VaryWithin):
         ),
         examples=["10 mT"],
     )
-
     turned_about: Axis | None = Field(
         default=None,
         description=(
@@ -201,6 +226,11 @@ class VaryNumber(VaryWithin):
         ),
         examples=[[0, 0, 1]],
     )
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """All of its addresses."""
+        return self.of if isinstance(self.of, tuple) else (self.of,)
 
     @model_validator(mode="after")
     def _one_way(self) -> VaryNumber:
@@ -220,40 +250,45 @@ class VaryNumber(VaryWithin):
         return self
 
 
-LENGTH: Any = Field(
-    default=None,
-    description="The length of each segment, within bounds.",
-    examples=["{min: 4 mm, max: 12 mm}"],
-)
-ORDER: Any = Field(
-    default=None,
-    description="The order of magnetized and plain segments along the body: {}.",
-    examples=["{}"],
-)
+class VaryAnything(Settings):
+    """Numbers and directions of a scene that trials change."""
 
-
-class Varied(Settings):
-    """Base of what trials change: something."""
+    magnetization: VaryDirections | None = Field(
+        default=None, description="The direction of each magnetized region: {}.", examples=["{}"]
+    )
+    length: VaryLength | None = Field(
+        default=None,
+        description="The length of each segment, within bounds.",
+        examples=["{min: 4 mm, max: 12 mm}"],
+    )
+    order: VaryOrder | None = Field(
+        default=None,
+        description="The order of magnetized and plain segments along the body: {}.",
+        examples=["{}"],
+    )
+    numbers: tuple[VaryNumber, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=1000,
+        description="Any numbers of the scene, by their addresses.",
+        examples=[[{"of": "field.uniform[2]", "min": "2 mT", "max": "8 mT"}]],
+    )
 
     @model_validator(mode="after")
-    def _something(self) -> Varied:
+    def _something(self) -> VaryAnything:
         if all(getattr(self, key) is None for key in type(self).model_fields):
             raise fault("a study must vary something", "add `magnetization: {}`, or `numbers`")
         return self
 
 
-class Vary(Varied):
-    """Variables that the study may change."""
+class Vary(VaryAnything):
+    """Variables that a study with a target may change: names of addresses among them."""
 
-    magnetization: VaryMagnetization | None = Field(
-        default=None, description="The direction of each magnetized segment: {}.", examples=["{}"]
-    )
     field: VaryField | None = Field(
         default=None,
         description="The external field, up to a greatest strength.",
         examples=["{max: 10 mT}"],
     )
-    length: VaryLength | None = LENGTH
     diameter: VaryDiameter | None = Field(
         default=None,
         description="The catheter's diameter, within bounds.",
@@ -268,12 +303,4 @@ class Vary(Varied):
         default=None,
         description="The shear modulus of the materials, within bounds.",
         examples=["{min: 50 kPa, max: 500 kPa}"],
-    )
-    order: VaryOrder | None = ORDER
-    numbers: tuple[VaryWithin, ...] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=1000,
-        description="Other numbers of the scene within bounds, by their addresses.",
-        examples=[[{"of": "effects.gravity.acceleration[0]", "min": "0 m/s^2", "max": "5 m/s^2"}]],
     )

@@ -82,12 +82,12 @@ def next_exchange(
         Of these exchanges the one that brings the rod nearest to the target; None where all
         were tried.
     """
-    order = best.get("order")
-    known = {_key(space.made(space.embedded(one))) for one in tried if one.get("order") == order}
+    chosen = space.chosen(best)
+    known = {_key(space.made(space.embedded(o))) for o in tried if space.chosen(o) == chosen}
     new = [y for y in _exchanges(space, space.made(space.embedded(best))) if _key(y) not in known]
     if not new:
         return None
-    turned = space.parameters_at(min(new, key=lambda y: _distance(space, target, y, order)), order)
+    turned = space.parameters_at(min(new, key=lambda y: _distance(space, target, y, best)), best)
     names = {name for block, _ in space.those(SegmentDirection) for name in block.bounds()}
     return {name: turned[name] if name in names else value for name, value in best.items()}
 
@@ -119,10 +119,12 @@ def _exchanges(space: SearchSpace, x: Array) -> list[Array]:
     return list(found.values())
 
 
-def _distance(space: SearchSpace, target: Array, x: Array, order: str | None = None) -> float:
+def _distance(
+    space: SearchSpace, target: Array, x: Array, chosen: Parameters | None = None
+) -> float:
     """Root mean square distance (m) of the rod from the target; inf where it is not found."""
     try:
-        scene = space.scene_at(x, order)
+        scene = space.scene_at(x, chosen)
         gap = solve_rod(scene, 40).at(np.minimum(target[:, 0], scene.length)) - target[:, 1:]
     except SolveError:
         return np.inf

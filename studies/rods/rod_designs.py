@@ -271,22 +271,21 @@ def rod_starts(
     list of dict[str, float]
         Best first.
     """
-    middle = space.nearest(np.full(space.size, 0.5))
-    order = space.choices["order"][0] if space.choices else None
-    scene = space.scene_at(middle, order)
+    first = {"order": space.choices["order"][0]} if space.order else {}
+    scene = space.scene_at(space.middle, first)
     if by_bound and space.field_max is not None:
         found = rod_designs_by_bound(scene, target, space.segments, space.field_max, seed=seed)
     else:
         found = rod_designs(scene, target, space.segments, space.field_max, seed=seed)
     starts = []
     for design in found:
-        x = middle.copy()
+        x = space.middle
         directions = iter(design.directions)
         for _, at in space.those(SegmentDirection):
             x[at] = next(directions)
         for _, at in space.those(FieldVector):
             x[at] = design.field
-        starts.append(space.parameters_at(x, order))
+        starts.append(space.parameters_at(x, first))
     return starts
 
 
@@ -327,7 +326,7 @@ class RodForetells:
             None where the rod can't: other numbers vary than directions and one field,
             directions are of a set, or there is no rod.
         """
-        others = len(space.blocks) != len(space.segments) + 1 or space.order
+        others = len(space.blocks) != len(space.segments) + 1 or space.choices
         if space.field_max is None or others or space.limits is not None:
             return None
         try:

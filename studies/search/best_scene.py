@@ -116,6 +116,7 @@ def write_best_scene(
         return None
     path = folder / SCENE
     content = moved_content(study.scene_file, folder)
+    space.write(content, best["params"])
     if study.depths:
         _add_push(content, study, space, best["params"])
         head = (
@@ -127,7 +128,6 @@ def write_best_scene(
         )
     else:
         content["name"] = f"{study.name} best"[:100]
-        space.write(content, space.embedded(best["params"]), best["params"].get("order"))
         if study.keyframes:
             _add_schedule(content, study, space, best["params"])
         head = (

@@ -220,7 +220,7 @@ class Choice(Knob):
         return False
 
     @property
-    def _shown(self) -> dict[Any, Any]:
+    def shown(self) -> dict[Any, Any]:
         """The values by what stands for each."""
         plain = (str, int, float, NoneType)
         return {v if isinstance(v, plain) else repr(v): v for v in self.values}
@@ -228,14 +228,14 @@ class Choice(Knob):
     def distributions(self) -> dict[str, BaseDistribution]:
         from optuna.distributions import CategoricalDistribution
 
-        return {self.name: CategoricalDistribution(tuple(self._shown))}
+        return {self.name: CategoricalDistribution(tuple(self.shown))}
 
     def at(self, params: Values) -> dict[Place, Any]:
-        return dict.fromkeys(self.places, self._shown[params[self.name]])
+        return dict.fromkeys(self.places, self.shown[params[self.name]])
 
     def own(self, scene: Scene) -> dict[str, Any]:
         now = value_at(scene, self.places[0])
-        for shown, value in self._shown.items():
+        for shown, value in self.shown.items():
             if value_at(changed(scene, {self.places[0]: value}), self.places[0]) == now:
                 return {self.name: shown}
         return {}
@@ -337,7 +337,19 @@ class Turning(Knob):
         ranges: dict[str, Any] = self.distributions()
         return [Number(name, each.low, each.high) for name, each in ranges.items()]
 
-    def at(self, params: Values) -> dict[Place, Any]:
+    def vectors(self, params: Values) -> dict[Place, list[float]]:
+        """Find the vectors of parameters.
+
+        Parameters
+        ----------
+        params : Values
+            Parameters by name.
+
+        Returns
+        -------
+        dict[Place, list of float], `unit`
+            Three components by place.
+        """
         angles = [math.radians(params[name]) for name in self._names()]
         if self.across is not None:
             first, second = self._frame()
@@ -346,16 +358,22 @@ class Turning(Knob):
             d = from_angles(*angles)
         length = self.size if self.longest is None else float(params[self._length])
         share = 2.0 * math.pi / len(self.places)
-        found: dict[Place, Any] = {}
+        found = {}
         for k, place in enumerate(self.places):
-            vector = [length * x for x in d]
+            vector: list[float] = [length * x for x in d]
             if self.around is not None:
                 from scipy.spatial.transform import Rotation  # 0.1 s to import
 
                 turn = Rotation.from_rotvec(k * share * np.array(self.around))
                 vector = turn.apply(vector).tolist()
-            found[place] = [f"{x!r} {self.unit}" if self.unit else x for x in vector]
+            found[place] = vector
         return found
+
+    def at(self, params: Values) -> dict[Place, Any]:
+        return {
+            place: [f"{x!r} {self.unit}" if self.unit else x for x in vector]
+            for place, vector in self.vectors(params).items()
+        }
 
     def own(self, scene: Scene) -> dict[str, Any]:
         vector = value_at(scene, self.places[0])
@@ -410,9 +428,8 @@ def knobs(
 def _of_number(number: VaryNumber, scene: Scene, at: str) -> list[Knob]:
     """The knobs of a number: one for each place, or one for all that are tied. Raises InputError."""
     tied = isinstance(number.of, tuple)
-    addresses = number.of if isinstance(number.of, tuple) else (number.of,)
     try:
-        each = [place for address in addresses for place in places(scene, address)]
+        each = [place for address in number.addresses for place in places(scene, address)]
     except InputError as error:
         raise InputError(f"{at}.of: {error}") from None
     groups = [tuple(each)] if tied else [(place,) for place in each]

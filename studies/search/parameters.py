@@ -11,13 +11,16 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.scene.addresses import Place, written
 from magmpm.studies.search.samplers.blocks import Ball, Direction, Number
+
+if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
 
 Parameters = Mapping[str, Any]
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -85,6 +88,8 @@ class VariedNumber(Number):
         Index of the segment that it belongs to.
     shared : tuple of Place
         Other places that have the same value.
+    whole : bool
+        Whether it is an integer.
     """
 
     what: str = "number"
@@ -92,6 +97,18 @@ class VariedNumber(Number):
     place: Place = ()
     segment: int | None = None
     shared: tuple[Place, ...] = ()
+    whole: bool = False
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        from optuna.distributions import IntDistribution
+
+        if self.whole:
+            return {self.name: IntDistribution(int(self.low), int(self.high), log=self.log)}
+        return super().distributions()
+
+    def write(self, x: Array) -> dict[str, float]:
+        found = super().write(x)
+        return {self.name: round(found[self.name])} if self.whole else found
 
     @property
     def kinds(self) -> list[str]:
@@ -119,9 +136,9 @@ class VariedNumber(Number):
             The quantity.
         """
         low, high = self.ends
-        if self.log:
-            return float(low * (high / low) ** float(x[0]))
-        return low + float(x[0]) * (high - low)
+        place = float(x[0])
+        value = float(low * (high / low) ** place) if self.log else low + place * (high - low)
+        return round(value) if self.whole else value
 
     def slope(self, x: Array) -> float:
         """Find the derivative of the quantity by its coordinate.

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.errors import InputError
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, written
-from magmpm.studies.problem.variables import Vary, VaryNumber
-from magmpm.studies.search.knobs import Bounded, Choice, knobs
+from magmpm.scene.addresses import Place
+from magmpm.studies.problem.variables import Vary
+from magmpm.studies.search.knobs import Bounded, Choice, Knob, knobs
 from magmpm.studies.search.parameters import VariedNumber
 
 MOST_ORDERS = 1000
@@ -102,7 +101,7 @@ def within(
 
 
 def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
-    """Find the numbers within bounds that a study varies: lengths, diameter, remanence, stiffness.
+    """Find the quantities that a study varies by words: lengths, and diameter, remanence, stiffness.
 
     Parameters
     ----------
@@ -114,7 +113,7 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
     Returns
     -------
     tuple of VariedNumber
-        The numbers.
+        The quantities.
     """
     found: list[VariedNumber] = []
     regions = scene.regions()
@@ -147,48 +146,65 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
             for name in dict.fromkeys(regions[i].material_name for i in of):
                 place = ("materials", name, what)
                 found.append(within(f"{what}_of_{name}_{unit}", what, ends, factor, place))
-    return (*found, *_by_address(vary, scene, found))
+    return tuple(found)
 
 
-def _by_address(vary: Vary, scene: Scene, others: Sequence[VariedNumber]) -> Iterator[VariedNumber]:
-    """The numbers that a study varies by their addresses. Raises InputError."""
-    if not vary.numbers:
-        return
+def addressed(
+    vary: Vary, scene: Scene, others: Sequence[VariedNumber]
+) -> tuple[list[VariedNumber], list[Knob]]:
+    """Find what a study varies by addresses.
+
+    Parameters
+    ----------
+    vary : Vary
+        What its file says.
+    scene : Scene
+        Its scene.
+    others : sequence of VariedNumber
+        What it varies by words.
+
+    Returns
+    -------
+    tuple of (list of VariedNumber, list of Knob)
+        Numbers within bounds, and what turns in other ways: choices, directions, vectors.
+
+    Raises
+    ------
+    InputError
+        As `knobs` does, and for what a word varies as well.
+    """
     places: list[Place] = [other.place for other in others]
     if vary.field is not None:
         places.append(("field", "uniform"))
+    if vary.length is not None:
+        places.append(("body", scene.body.kind, "length"))
     if vary.magnetization is not None:
-        places += [
-            ("body", *scene.regions()[k].at, "magnetization") for k in scene.magnetized_regions()
-        ]
-    turned = [Choice("another key of `vary`", (place,), ()) for place in places]
-    numbers = [VaryNumber(**one.model_dump()) for one in vary.numbers]
-    for knob in knobs(numbers, scene, turned)[len(turned) :]:
-        place = knob.places[0]
-        at = f"vary.numbers: {written(place)}"
-        if not isinstance(knob, Bounded) or knob.whole:
-            raise InputError(
-                at,
-                received="a whole number",
-                rule="a study of shapes varies real numbers",
-                remedy="leave it out, or write a study with a `goal`",
+        regions = scene.regions()
+        turned = vary.magnetization.regions(scene)
+        places += [("body", *regions[k].at, "magnetization") for k in turned]
+    words = [Choice("another key of `vary`", (place,), ()) for place in places]
+    numbers: list[VariedNumber] = []
+    rest: list[Knob] = []
+    for knob in knobs(vary.numbers or (), scene, words)[len(words) :]:
+        if not isinstance(knob, Bounded):
+            rest.append(knob)
+            continue
+        place, *shared = knob.places
+        thick = place == ("body", scene.body.kind, "diameter") and not shared
+        numbers.append(
+            VariedNumber(
+                knob.name,
+                knob.low,
+                knob.high,
+                knob.log,
+                "diameter" if thick else "number",
+                1.0 / knob.scale,
+                place,
+                shared=tuple(shared),
+                whole=knob.whole,
             )
-        if place[0] == "body" and place[-1] in ("length", "diameter"):
-            raise InputError(
-                at,
-                received=f"a {place[-1]} of the body",
-                rule="a length that changes is followed by the others, and by the target",
-                remedy=f"write `{place[-1]}: {{min: ..., max: ...}}` in `vary`",
-            )
-        yield VariedNumber(
-            knob.name,
-            knob.low,
-            knob.high,
-            knob.log,
-            unit=1.0 / knob.scale,
-            place=place,
-            shared=knob.places[1:],
         )
+    return numbers, rest
 
 
 def kept_total(requested: Array, low: float, high: float, total: float) -> tuple[Array, Array]:

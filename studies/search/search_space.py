@@ -1,8 +1,9 @@
 """Search space of a study, and the scene that each design stands for.
 
 A design is made of blocks (parameters.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each
-depth or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
-has two angles, relative to the catheter and not to the room:
+depth or time; numbers within bounds: lengths, diameter, remanence, stiffness, and those of addresses; directions and vectors of addresses.
+Besides there are choices, which have no neighbors: the order of the segments, and values of addresses. Each magnetized segment has two
+angles, relative to the catheter and not to the room:
 
     around: turn about the catheter's axis, from +y toward +z, -180 to 180 deg
     along:  lift from the cross-section toward the tip, -90 to 90 deg
@@ -13,7 +14,7 @@ A varied field has its strength and the two angles of scene files: azimuth from 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,12 +22,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, put, say
+from magmpm.scene.addresses import Place, put, say, written
 from magmpm.scene.variables import of_lengths, segment_lengths
 from magmpm.studies.problem.variables import Vary
-from magmpm.studies.search.knobs import Knob
+from magmpm.studies.search.knobs import Choice, Knob, Turning
 from magmpm.studies.search.parameters import (
     FIELD,
     FieldVector,
@@ -35,9 +36,10 @@ from magmpm.studies.search.parameters import (
     SegmentDirection,
     VariedNumber,
 )
-from magmpm.studies.search.samplers.blocks import Block
+from magmpm.studies.search.samplers.blocks import Ball, Block, Direction
 from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 from magmpm.studies.search.scene_edits import (
+    addressed,
     arrangement,
     kept_total,
     numbers_of,
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
 
 _Kind = TypeVar("_Kind", bound=Block)
 __all__ = ["FIELD", "SearchSpace"]
+STEP = 1e-5  # of a direction's turn, of differences that cost no run
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,8 @@ class SearchSpace:
         Whether the order of magnetized and plain segments varies.
     limits : Makeable or None
         Of the directions that can be made.
+    others : tuple of Knob
+        Choices, directions and vectors by their addresses.
     """
 
     scene: Scene
@@ -92,6 +97,7 @@ class SearchSpace:
     keeps_length: bool = True
     order: bool = False
     limits: Makeable | None = None
+    others: tuple[Knob, ...] = ()
 
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
@@ -112,7 +118,7 @@ class SearchSpace:
         limits = study.limits
         return replace(
             numbers_space(scene, vary),
-            segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (),
+            segments=tuple(study.turned),
             field_max=study.field_max,
             fields=study.fields,
             limits=(
@@ -139,7 +145,8 @@ class SearchSpace:
                 FieldVector(*names, 1e3 * self.field_max, 1e-3, k)
                 for k, names in enumerate(self._field_names())
             ]
-        return (*found, *self.numbers_within)
+        found += self.numbers_within
+        return (*found, *(block for knob in self.others for block in knob.blocks()))
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -186,9 +193,11 @@ class SearchSpace:
         return self.coordinates.bounds()
 
     @property
-    def choices(self) -> dict[str, tuple[str, ...]]:
-        """Values of the parameters that are choices: orders of magnetized (M) and plain (P) segments, base to tip."""
-        return {"order": orders(self.scene)} if self.order else {}
+    def choices(self) -> dict[str, tuple[Any, ...]]:
+        """Values of the parameters that are choices, orders of magnetized (M) and plain (P) segments, base to tip, among them."""
+        orders_of = {"order": orders(self.scene)} if self.order else {}
+        made = [knob for knob in self.others if isinstance(knob, Choice)]
+        return orders_of | {knob.name: tuple(knob.shown) for knob in made}
 
     def segment_names(self) -> list[str]:
         """Name the segments whose directions vary.
@@ -238,23 +247,56 @@ class SearchSpace:
         """
         return self.coordinates.read(parameters)
 
-    def parameters_at(self, x: Array, order: str | None = None) -> dict[str, Any]:
+    def parameters_at(self, x: Array, chosen: Parameters | None = None) -> dict[str, Any]:
         """Find the parameters of embedded coordinates, each block brought to its nearest design: the inverse of `embedded`.
 
         Parameters
         ----------
         x : array (size,)
             Embedded coordinates.
-        order : str, optional
-            Of the segments where it varies; as in the scene unless given.
+        chosen : Parameters, optional
+            With the choices; where one is missing it is as in the scene.
 
         Returns
         -------
         dict[str, Any]
             The design.
         """
-        own = order or orders(self.scene, own=True)[0] if self.choices else None
-        return self.coordinates.write(self.nearest(x)) | dict.fromkeys(self.choices, own)
+        own = {**self.own, **(chosen or {})}
+        choices = {name: own.get(name, known[0]) for name, known in self.choices.items()}
+        return self.coordinates.write(self.nearest(x)) | choices
+
+    def chosen(self, parameters: Parameters) -> dict[str, Any]:
+        """Find the choices among the parameters of a design.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            The design.
+
+        Returns
+        -------
+        dict[str, Any]
+            Values by name.
+        """
+        return {name: parameters[name] for name in self.choices}
+
+    @cached_property
+    def own(self) -> dict[str, Any]:
+        """Parameters of what the scene has itself: of choices, directions and vectors."""
+        order = {"order": orders(self.scene, own=True)[0]} if self.order else {}
+        return order | {
+            name: value for knob in self.others for name, value in knob.begun(self.scene).items()
+        }
+
+    @property
+    def middle(self) -> Array:
+        """Embedded coordinates of a design: numbers within bounds are in the middle, directions and vectors of addresses the scene's."""
+        x = self.nearest(np.full(self.size, 0.5))
+        for block, at in self.parts:
+            if block.bounds().keys() <= self.own.keys():
+                x[at] = block.read(self.own)
+        return x
 
     def nearest(self, x: Array) -> Array:
         """Find the embedded coordinates of the nearest design, block by block.
@@ -290,13 +332,13 @@ class SearchSpace:
 
     @property
     def count(self) -> int:
-        """Directions in a design: one a magnetized segment, and the fields'."""
-        return len(self.segments) + (self.fields if self.field_max is not None else 0)
+        """Directions in a design: one a magnetized segment, those of addresses, and of the fields and other vectors."""
+        return sum(isinstance(block, Direction | Ball) for block in self.blocks)
 
     @property
     def numbers(self) -> int:
-        """Plain numbers in a design: the fields' strengths and the numbers within bounds."""
-        return (self.fields if self.field_max is not None else 0) + len(self.numbers_within)
+        """Plain numbers in a design: the vectors' strengths and the numbers within bounds."""
+        return sum(not isinstance(block, Direction) for block in self.blocks)
 
     def design(self, parameters: Parameters) -> tuple[Array, Array]:
         """Write a design as directions and plain numbers.
@@ -309,22 +351,21 @@ class SearchSpace:
         Returns
         -------
         directions : array (count, 3), no unit
-            Of the segments base to tip, then of the fields.
+            Of the blocks, so of the segments base to tip, then of the fields.
         numbers : array (numbers,), no unit
             From 0 to 1, of their range.
         """
         directions = []
-        strengths = []
-        rest = []
+        numbers = []
         for block in self.blocks:
-            if isinstance(block, SegmentDirection):
+            if isinstance(block, Direction):
                 directions.append(block.read(parameters))
-            elif isinstance(block, FieldVector):
+            elif isinstance(block, Ball):
                 directions.append(block.direction(parameters))
-                strengths.append(parameters[block.strength] / block.most)
-            elif isinstance(block, VariedNumber):
-                rest.append(float(block.read(parameters)[0]))
-        return np.array(directions).reshape(-1, 3), np.array([*strengths, *rest])
+                numbers.append(parameters[block.strength] / block.most)
+            else:
+                numbers.append(float(block.read(parameters)[0]))
+        return np.array(directions).reshape(-1, 3), np.array(numbers)
 
     def parameters(self, directions: Array, numbers: Array) -> dict[str, float]:
         """Find the parameters of directions and plain numbers: the inverse of `design`.
@@ -345,12 +386,12 @@ class SearchSpace:
         vectors = iter(directions)
         values = iter(numbers)
         for block in self.blocks:
-            if isinstance(block, SegmentDirection):
+            if isinstance(block, Direction):
                 found |= block.write(next(vectors))
-            elif isinstance(block, FieldVector):
+            elif isinstance(block, Ball):
                 strength = float(next(values)) * block.most
                 found |= block.write(next(vectors)) | {block.strength: strength}
-            elif isinstance(block, VariedNumber):
+            else:
                 found |= block.write(np.array([next(values)]))
         return found
 
@@ -399,17 +440,17 @@ class SearchSpace:
         InputError
             For values that no scene has.
         """
-        return self.scene_at(self.embedded(parameters), parameters.get("order"), field)
+        return self.scene_at(self.embedded(parameters), parameters, field)
 
-    def scene_at(self, x: Array, order: str | None = None, field: int = -1) -> Scene:
+    def scene_at(self, x: Array, chosen: Parameters | None = None, field: int = -1) -> Scene:
         """Make the scene of embedded coordinates.
 
         Parameters
         ----------
         x : array (size,)
             Embedded coordinates.
-        order : str, optional
-            Of the segments, where it varies.
+        chosen : Parameters, optional
+            With the choices, as of `parameters_at`.
         field : int, default -1
             As of `scene_of`.
 
@@ -423,44 +464,53 @@ class SearchSpace:
         InputError
             For values that no scene has.
         """
-        data = self.scene.to_si()
-        with_own_materials(data, self.scene, self.numbers_within)
-        put(data, self.values(x, field), self.scene)
-        self.put_in_order(data, order)
+        data = self._data(self.values(x, chosen, field))
+        self.put_in_order(data, chosen)
         return Scene.from_si(data)
 
-    def write(self, content: dict[str, Any], x: Array, order: str | None = None) -> None:
+    def _data(self, values: Mapping[Place, Any]) -> dict[str, Any]:
+        """The scene's data with these values."""
+        data = self.scene.to_si()
+        with_own_materials(data, self.scene, self.numbers_within)
+        put(data, values, self.scene)
+        return data
+
+    def write(self, content: dict[str, Any], parameters: Parameters) -> None:
         """Write a design into the content of the scene's file, in place, with units.
 
         Parameters
         ----------
         content : dict[str, Any]
             Of the file.
-        x : array (size,)
-            Embedded coordinates of the design.
-        order : str, optional
-            Of the segments, where it varies.
+        parameters : Parameters
+            The design.
         """
         with_own_materials(content, self.scene, self.numbers_within)
-        say(content, self.scene_at(x), self.values(x))
-        self.put_in_order(content, order)
+        values = self.values(self.embedded(parameters), parameters)
+        say(content, Scene.from_si(self._data(values)), values)
+        self.put_in_order(content, parameters)
 
-    def values(self, x: Array, field: int = -1) -> dict[Place, Any]:
+    def values(
+        self, x: Array, chosen: Parameters | None = None, field: int = -1
+    ) -> dict[Place, Any]:
         """Find the values that embedded coordinates write into the scene; the order of segments apart.
 
         Parameters
         ----------
         x : array (size,)
             Embedded coordinates.
+        chosen : Parameters, optional
+            With the choices, as of `parameters_at`.
         field : int, default -1
             As of `scene_of`.
 
         Returns
         -------
-        dict of place to value, SI
+        dict of place to value, SI or text with its unit
             Each where the scene has it.
         """
         x = self.made(x)
+        params = {**self.coordinates.write(x), **(chosen or {})} if self.others else {}
         found: dict[Place, Any] = {}
         regions = self.scene.regions()
         for turned, at in self.those(SegmentDirection):
@@ -470,6 +520,9 @@ class SearchSpace:
         fields = self.those(FieldVector)
         if fields:
             found["field", "uniform"] = x[fields[field][1]].tolist()
+        for knob in self.others:
+            if knob.distributions().keys() <= params.keys():  # else as the scene has it
+                found |= knob.at(params)
         requested = [found[n.place] for n in self.numbers_within if n.what == "length"]
         if requested:
             lengths = self._lengths(np.array(requested))[0]
@@ -481,16 +534,17 @@ class SearchSpace:
                 found[*body, "segments", longest, "length"] = None  # the rest, to the last bit
         return found
 
-    def put_in_order(self, data: dict[str, Any], order: str | None) -> None:
+    def put_in_order(self, data: dict[str, Any], chosen: Parameters | None) -> None:
         """Put the segments of the scene's data, or of its file's content, in an order.
 
         Parameters
         ----------
         data : dict[str, Any]
             The data, or the content, changed in place.
-        order : str or None
-            Letters from base to tip; None: as they are.
+        chosen : Parameters or None
+            With the `order`, letters from base to tip; without: as they are.
         """
+        order = (chosen or {}).get("order")
         if order is not None:
             body = data["body"][self.scene.body.kind]
             body["segments"] = [body["segments"][k] for k in arrangement(self.scene, order)]
@@ -582,11 +636,16 @@ class SearchSpace:
         if self.field_max is not None:
             found.append("field")
         found += [kind for number in self.numbers_within for kind in number.kinds]
+        found += [
+            written((*place, i))
+            for knob in self.others
+            for place in knob.places
+            for i in range(3)
+            if isinstance(knob, Turning)
+        ]
         return list(dict.fromkeys(found))
 
-    def chain(
-        self, variables: Sequence[Variable], x: Array, order: str | None = None, field: int = -1
-    ) -> Array:
+    def chain(self, variables: Sequence[Variable], x: Array, field: int = -1) -> Array:
         """Find the derivatives of a solve's variables by embedded coordinates, so that columns (..., k) @ chain are (..., size).
 
         A direction's three columns are the gradient on the sphere: they have no part along the
@@ -595,12 +654,9 @@ class SearchSpace:
         Parameters
         ----------
         variables : sequence of Variable
-            The k of `Sensitivities.variables`, of the scene of these coordinates, order and
-            field.
+            The k of `Sensitivities.variables`, of the scene of these coordinates and field.
         x : array (size,)
             Embedded coordinates.
-        order : str, optional
-            Of the segments, where it varies.
         field : int, default -1
             As of `scene_of`.
 
@@ -610,19 +666,13 @@ class SearchSpace:
             SI of each variable per unit of each coordinate.
         """
         found = np.zeros((len(variables), self.size))
-        rows: dict[Place, list[int]] = {}  # of the Jacobian: by place, of a segment by its number
+        rows: dict[Place, list[int]] = {}  # of the Jacobian
         for row, variable in enumerate(variables):
-            place = variable.place
-            if variable.region is not None:
-                place = (variable.kind, variable.region)
-            rows.setdefault(place, []).append(row)
-        count = len(self.scene.regions())
-        places: Index = (
-            np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
-        )
+            rows.setdefault(variable.place, []).append(row)
+        regions = self.scene.regions()
         for turned, at in self.those(SegmentDirection):
             # none where the remanence is zero
-            for row in rows.get(("magnetization", int(places[turned.segment])), ()):
+            for row in rows.get(("body", *regions[turned.segment].at, "magnetization"), ()):
                 found[row, at] = variables[row].direction
         numbers = self.those(VariedNumber)
         for number, at in numbers:
@@ -638,15 +688,40 @@ class SearchSpace:
             if lengths
             else np.zeros((0, 0))
         )
-        for i, (number, _) in enumerate(lengths):
-            for row in rows["length", int(places[number.segment or 0])]:
+        for i in range(len(lengths)):
+            for row in rows[lengths[i][0].place]:
                 for j, (other, at) in enumerate(lengths):
                     found[row, at] = other.slope(x[at]) * moved[i, j]
+        places = dict(self.parts)
+        for knob in self.others:
+            for block in knob.blocks() if isinstance(knob, Turning) else ():
+                at = places[block]
+                for place, slopes in self._turned(knob, block, x, at).items():
+                    for i, slope in enumerate(slopes):
+                        found[rows[*place, i], at] = slope
         if self.limits is not None:
             count = 3 * len(self.segments)
             found[:, :count] = found[:, :count] @ self.limits.derivative(
                 x[:count].reshape(-1, 3)
             ).reshape(count, count)
+        return found
+
+    def _turned(self, knob: Turning, block: Block, x: Array, at: slice) -> dict[Place, Array]:
+        """Derivatives (3, k), SI, of the vectors of a knob by the coordinates of one of its blocks: of second order, away from bounds."""
+        basis, _, high = block.tangent(x[at])
+        found = {place: np.zeros((3, block.size)) for place in knob.places}
+        for step, along in zip(
+            np.diag(np.where(high > 3 * STEP, STEP, -STEP)), np.linalg.pinv(basis), strict=True
+        ):
+            near = []
+            for count in range(3):
+                there = x.copy()
+                there[at] = block.moved(x[at], count * step)
+                near.append(knob.vectors(self.coordinates.write(there)))
+            for place in found:
+                zero, one, two = (knob.scale * np.array(vectors[place]) for vectors in near)
+                slope = (2.0 * one - 1.5 * zero - 0.5 * two) / step.sum()
+                found[place] += np.outer(slope, along)
         return found
 
 
@@ -666,7 +741,11 @@ def numbers_space(scene: Scene, vary: Vary) -> SearchSpace:
         The space.
     """
     keeps = vary.length is None or vary.length.total == "keep"
-    return SearchSpace(scene, (), None, 1, numbers_of(vary, scene), keeps, vary.order is not None)
+    quantities = numbers_of(vary, scene)
+    more, others = addressed(vary, scene, quantities)
+    numbers = (*quantities, *more)
+    order = vary.order is not None
+    return SearchSpace(scene, (), None, 1, numbers, keeps, order, others=tuple(others))
 
 
 @dataclass(frozen=True)

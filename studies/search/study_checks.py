@@ -16,7 +16,7 @@ from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.sampler_names import TAKE_CHOICES
 from magmpm.studies.problem.study_file import StudyFile
 from magmpm.studies.problem.variables import Vary, VaryLength
-from magmpm.studies.search.scene_edits import MOST_ORDERS, numbers_of
+from magmpm.studies.search.scene_edits import MOST_ORDERS
 from magmpm.studies.search.search_space import numbers_space
 
 
@@ -411,7 +411,7 @@ def check_numbers(scene: Scene, vary: Vary, sampler: str | None, document: Docum
         With the number that shows it.
     """
     try:
-        numbers_of(vary, scene)
+        numbers_space(scene, vary)
     except InputError as error:
         raise InputError(f"{place(document, 'vary', 'numbers')}: {error}") from None
     found = (
@@ -525,12 +525,14 @@ def _corner_fault(scene: Scene, vary: Vary) -> Fault | None:
     if not numbers:
         return None
     thick = np.array([number.what == "diameter" for number in numbers], dtype=float)
-    for name, x in (
+    for name, values in (
         ("least", 0 * thick),
         ("greatest", 0 * thick + 1),
         ("longest, thinnest", 1 - thick),
         ("shortest, thickest", thick),
     ):
+        x = space.middle
+        x[: len(numbers)] = values
         try:
             space.scene_at(x)
         except InputError as error:

@@ -14,11 +14,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.study import Study
-from magmpm.studies.search.parameters import (
-    FieldVector,
-    SegmentDirection,
-)
-from magmpm.studies.search.samplers.blocks import Block, across
+from magmpm.studies.search.parameters import FieldVector
+from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, across
 from magmpm.studies.search.search_space import SearchSpace
 
 # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of
@@ -214,6 +211,6 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
 
 def _steps(block: Block, x: Array) -> list[Array]:
     """The whole steps of a block at its embedded coordinates."""
-    if isinstance(block, SegmentDirection):
+    if isinstance(block, Direction):
         return list(across(x).T)
-    return list((block.radius if isinstance(block, FieldVector) else 1.0) * np.eye(block.size))
+    return list((block.radius if isinstance(block, Ball) else 1.0) * np.eye(block.size))

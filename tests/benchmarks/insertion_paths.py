@@ -32,7 +32,7 @@ from magmpm.studies.engine.loop import run_study
 from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, NEAR_TARGET, InsertionTrajectory
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
-from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
+from magmpm.studies.problem.variables import Vary, VaryDirections, VaryField
 from magmpm.studies.rods.rod_path import search
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -73,7 +73,7 @@ def study_of(kind: str, number: int) -> Study:
     """The study of a path."""
     scene = load_scene(HERE.parents[1] / "data" / "scenes" / "insertion.yaml").with_cells(2)
     depths = tuple((LENGTH * np.arange(1, DEPTHS + 1) / DEPTHS).tolist())
-    vary = Vary(magnetization=VaryMagnetization(), field=VaryField(max=MAX_FIELD, at="each depth"))
+    vary = Vary(magnetization=VaryDirections(), field=VaryField(max=MAX_FIELD, at="each depth"))
     name = f"{kind.replace(' ', '_')}_{number:02d}"
     return Study(
         File(f"{name}.yaml"),

@@ -32,7 +32,7 @@ from magmpm.scene import Scene
 from magmpm.simulate import run, sensitivities
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.problem.study import Study
-from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
+from magmpm.studies.problem.variables import Vary, VaryDirections, VaryField
 from magmpm.studies.rods.rod_designs import rod_designs
 
 LOADS = (4.4, 5.5, 6.6, 7.7, 8.8)
@@ -133,7 +133,7 @@ def by_bodies(number: int, seed: int) -> list[float | None]:
     scene, target, bounds = drawn(number)
     found: list[float | None] = []
     for bound in bounds:
-        vary = Vary(magnetization=VaryMagnetization(), field=VaryField(max=bound))
+        vary = Vary(magnetization=VaryDirections(), field=VaryField(max=bound))
         study = Study(
             Path("drawn.yaml"), "drawn", scene, target, vary, TRIALS, "gauss-newton", seed, None
         )

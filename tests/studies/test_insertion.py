@@ -18,7 +18,7 @@ from magmpm.studies.evaluate.trajectory import (
 )
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
-from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
+from magmpm.studies.problem.variables import Vary, VaryDirections, VaryField
 from magmpm.studies.rods.rod_path import STABILITY_AT_BRINK, RodPath, search
 from magmpm.studies.rods.rod_trajectory import RodTrajectory, RodTrajectoryDesign
 from magmpm.studies.search.definition import load_study
@@ -60,7 +60,7 @@ def catheter():
 
 
 def insertion(depths=(10e-3, 20e-3, 30e-3)):
-    vary = Vary(magnetization=VaryMagnetization(), field=VaryField(max=MAX, at="each depth"))
+    vary = Vary(magnetization=VaryDirections(), field=VaryField(max=MAX, at="each depth"))
     study = Study("arc", "arc", catheter(), arc(), vary, 3, "gauss-newton", 1, None, depths=depths)
     found = InsertionTrajectory.of(study, SearchSpace.of(study))
     assert found is not None

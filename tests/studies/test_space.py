@@ -19,6 +19,7 @@ from magmpm.studies.rods.exchanges import _exchanges
 from magmpm.studies.search.best_scene import as_yaml, moved_content
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.parameters import Makeable
+from magmpm.studies.search.samplers.choice import check_suits
 from magmpm.studies.search.scene_edits import kept_total, orders
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -39,10 +40,11 @@ def study_of(vary: str) -> str:
     return STUDY.replace("\n  magnetization: {}", f" {vary}")
 
 
-def space_of(folder: Path, total: str = "keep", per: str = "segment") -> SearchSpace:
-    return SearchSpace.of(
-        load_study(write_study(folder, study_of(EVERYTHING % (total, per, per)), MIXED))
-    )
+def space_of(
+    folder: Path, total: str = "keep", per: str = "segment", scene: str = MIXED
+) -> SearchSpace:
+    text = study_of(EVERYTHING % (total, per, per))
+    return SearchSpace.of(load_study(write_study(folder, text, scene)))
 
 
 def tip(scene: Scene) -> np.ndarray:
@@ -59,15 +61,19 @@ def test_the_chain_rule_is_the_derivative_of_the_scenes(
 
     Steps of 1e-5 of a range: differences are good to 1e-10 / 1e-5 = 1e-5 of the largest derivative of a block, here of 1.
     """
-    assert_chain(space_of(tmp_path, total, per), "PMMPM")
+    plain = "      - {material: plain, length: 6 mm}\n"
+    magnetized_tip = MIXED.replace(plain, "").replace("    segments:\n", "    segments:\n" + plain)
+    space = space_of(tmp_path, total, per, magnetized_tip)
+    assert space.segment_names() == ["segment_2", "segment_4", "segment_5"]
+    assert_chain(space)
 
 
-def assert_chain(space: SearchSpace, order: str | None) -> None:
+def assert_chain(space: SearchSpace) -> None:
     rng = np.random.default_rng(5)
     x = space.drawn(rng)
-    scene = space.scene_at(x, order)
+    scene = space.scene_at(x)
     found = variables(scene, space.sensitivities)
-    step = {"rad": 1e-4, "T": 1e-6, "m": 1e-6, "Pa": 10.0, "m/s^2": 1e-3}
+    step = {"rad": 1e-4, "T": 1e-6, "m": 1e-6, "Pa": 10.0, "m/s^2": 1e-3, "1": 1e-4}
     pairs = [[tip(v.changed(scene, sign * step[v.unit])) for sign in (1, -1)] for v in found]
     columns = np.stack(
         [
@@ -76,15 +82,15 @@ def assert_chain(space: SearchSpace, order: str | None) -> None:
         ],
         1,
     )
-    chained = columns @ space.chain(found, x, order)
+    chained = columns @ space.chain(found, x)
     for block, at in space.parts:
         largest = np.abs(chained[:, at]).max(initial=0.0)
         for j in range(at.start, at.stop):
             h = 1e-7 if block.bounds().keys() & {"field_mT"} else 1e-5
             step_j = h * np.eye(space.size)[j]
-            difference = (
-                tip(space.scene_at(x + step_j, order)) - tip(space.scene_at(x - step_j, order))
-            ) / (2 * h)
+            difference = (tip(space.scene_at(x + step_j)) - tip(space.scene_at(x - step_j))) / (
+                2 * h
+            )
             np.testing.assert_allclose(
                 chained[:, j], difference, atol=1e-5 * largest, err_msg=f"{block}"
             )
@@ -106,7 +112,107 @@ def test_the_chain_rule_of_numbers_by_address(tmp_path: Path) -> None:
     text = STUDY.replace("  magnetization: {}\n", "  magnetization: {}\n" + NUMBERS)
     space = SearchSpace.of(load_study(write_study(tmp_path, text, WEIGHTY)))
     assert [number.ends[0] for number in space.numbers_within] == pytest.approx([-5.0, 60e3, 0.0])
-    assert_chain(space, None)
+    assert_chain(space)
+
+
+TURNED = """\
+  magnetization: {only: [segment 1]}
+  numbers:
+    - {of: "body.catheter.segments[2].magnetization", direction: {}}
+    - {of: ["body.catheter.segments[1].magnetization", "body.catheter.segments[3].magnetization"], direction: {}, turned_about: [1, 0, 0]}
+    - {of: "body.catheter.segments[4].magnetization", direction: {across: [0, 1, 0], at_most: 60 deg}}
+    - {of: field.uniform, within: 10 mT}
+"""
+
+
+@pytest.mark.parametrize(
+    "within", ["within: 10 mT", "within: 10 mT, direction: {across: [0, 1, 0]}"]
+)
+def test_the_chain_rule_of_directions_by_address(within: str, tmp_path: Path) -> None:
+    """Free, tied around an axis, in a plane; and a vector in a ball or a disk: by differences of the rod's tip."""
+    text = STUDY.replace("  magnetization: {}\n", TURNED.replace("within: 10 mT", within))
+    space = SearchSpace.of(load_study(write_study(tmp_path, text)))
+    assert space.freedom == 2 + 2 + 2 + 1 + (3 if within == "within: 10 mT" else 2)
+    assert_chain(space)
+
+
+def test_directions_by_address_are_those_of_their_words(tmp_path: Path) -> None:
+    """The body's Gauss-Newton steps to a target are the same in number and near it, whichever word says what turns."""
+    found = []
+    for name, vary in (
+        ("words", "{magnetization: {}, field: {max: 10 mT}}"),
+        (
+            "addresses",
+            "{numbers: [{of: 'body.catheter.segments[*].magnetization', direction: {}}, {of: field.uniform, within: 10 mT}]}",
+        ),
+    ):
+        text = study_of(vary).replace("sampler: random\n", "").replace("trials: 8", "trials: 6")
+        path = write_study(
+            tmp_path / name, text, SCENE.replace("cells_across: 4", "cells_across: 2")
+        )
+        assert load_study(path).sampler == "gauss-newton"
+        found.append(magmpm.design(path, folder=tmp_path / name / "out", progress=False))
+        scene = load_scene(tmp_path / name / "out/best/scene.yaml")
+        assert np.linalg.norm(scene.field.uniform) <= 10e-3 * (1 + 1e-12)
+    assert found[1].best["rms_m"] < 0.3 * found[1].rms_m[0]
+
+
+CHOSEN = """{numbers: [{of: materials.magnetic.remanence, choices: [100 mT, 200 mT]},
+    {of: effects.gravity, choices: [null, {}]}, {of: body.catheter.diameter, choices: [3 mm, 4 mm]},
+    {of: resolution.cells_across, min: 3, max: 5}, {of: 'field.uniform[2]', min: 1 mT, max: 8 mT, log: true}]}"""
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "random", "nsga2"])
+def test_values_are_chosen_by_address(sampler: str, tmp_path: Path) -> None:
+    """A value, an effect or none, a size of the body, a whole number; the file of the best design is its scene."""
+    path = write_study(tmp_path, study_of(CHOSEN).replace("random", sampler))
+    study = load_study(path)
+    report = run_study(study, solve=solve, out=tmp_path / "out")
+    params = report.best["params"]
+    assert params["materials.magnetic.remanence"] in ("100 mT", "200 mT")
+    assert params["resolution.cells_across"] in (3, 4, 5)
+    best = load_scene(tmp_path / "out/best/scene.yaml")
+    assert (best.effects.gravity is None) == (params["effects.gravity"] is None)
+    made = SearchSpace.of(study).scene_of(params)
+    assert (best.body, best.field, best.materials, best.resolution) == (
+        made.body,
+        made.field,
+        made.materials,
+        made.resolution,
+    )
+    rms = root_mean_square(gaps(solve(best).centreline, study.target))
+    assert rms == pytest.approx(report.best["rms_m"], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("number", "why"),
+    [
+        (
+            "{of: materials.magnetic.remanence, choices: [100 mT, 200 mT]}",
+            "gauss-newton can't choose among values of materials.magnetic.remanence",
+        ),
+        (
+            "{of: body.catheter.inner_diameter, min: 1 mm, max: 2 mm}",
+            "body.catheter.inner_diameter: it has no derivative",
+        ),
+        (
+            "{of: resolution.cells_across, min: 3, max: 5}",
+            "resolution.cells_across: must be the address of a real number",
+        ),
+    ],
+)
+def test_what_has_no_derivative_by_address_is_said_in_a_line(
+    number: str, why: str, tmp_path: Path
+) -> None:
+    vary = f"{{magnetization: {{}}, numbers: [{number}]}}"
+    study = load_study(write_study(tmp_path, study_of(vary).replace("sampler: random\n", "")))
+    assert study.sampler == "tpe"
+    assert why in str(study.why_sampler)
+    text = study_of(vary).replace("random", "gauss-newton")
+    newton = load_study(write_study(tmp_path, text))
+    with pytest.raises(InputError, match="sampler: tpe") as error:
+        check_suits(newton)
+    assert why in str(error.value)
 
 
 @pytest.mark.parametrize("sampler", ["random", "tpe"])
@@ -164,11 +270,10 @@ def test_what_has_no_derivative_by_address_goes_by_tpe(tmp_path: Path) -> None:
     [
         ("{of: materials.magnetic.remanense, min: 1 mT, max: 2 mT}", "did you mean"),
         ("{of: materials.magnetic.remanence, min: 0 mT, max: 2 mT, log: true}", "above 0"),
-        ("{of: materials.magnetic.remanence, choices: [1 mT, 2 mT]}", "choices"),
-        (
-            "{of: body.catheter.diameter, min: 3 mm, max: 5 mm}",
-            "write `diameter: {min: ..., max: ...}`",
-        ),
+        ("{of: materials.magnetic.remanence, choices: [1 mT, 2 mm]}", "choices"),
+        ("{of: body.catheter.diameter, min: -3 mm, max: 5 mm}", "the scene refuses it"),
+        ("{of: materials.magnetic.remanence, direction: {}}", "an address of three numbers"),
+        ("{of: field.uniform, within: 0 mT}", "must be above 0"),
         ("{of: materials.magnetic.remanence, min: 1 mm, max: 2 mm}", "the scene refuses it"),
         ("{of: materials.magnetic.remanence, min: 1, max: 2}", "a flux density needs a unit"),
     ],
@@ -194,7 +299,7 @@ def test_parameters_and_coordinates_are_inverse(total: str, tmp_path: Path) -> N
     assert space.freedom == 3 * 2 + 3 + 5 + 1 + 3 + 5 - (total == "keep")
     for _ in range(20):
         x = space.drawn(rng)
-        parameters = space.parameters_at(x, "MMMPP")
+        parameters = space.parameters_at(x, {"order": "MMMPP"})
         assert set(parameters) == set(space.distributions())
         assert all(
             space.distributions()[name]._contains(space.distributions()[name].to_internal_repr(v))
@@ -214,10 +319,11 @@ def test_the_file_of_a_design_is_its_scene(
     space = space_of(tmp_path, total, per)
     x = space.drawn(np.random.default_rng(4))
     content = moved_content(tmp_path / "scene.yaml", tmp_path)
-    space.write(content, x, order)
+    parameters = space.parameters_at(x, {"order": order} if order else None)
+    space.write(content, parameters)
     (tmp_path / "design.yaml").write_text(as_yaml(content), encoding="utf-8")
     again = load_scene(tmp_path / "design.yaml")
-    scene = space.scene_at(x, order)
+    scene = space.scene_of(parameters)
     assert (again.body, again.field, again.materials) == (
         scene.body,
         scene.field,
@@ -228,7 +334,7 @@ def test_the_file_of_a_design_is_its_scene(
 def test_a_scene_has_the_values_of_its_design(tmp_path: Path) -> None:
     space = space_of(tmp_path, "free")
     x = space.drawn(np.random.default_rng(2))
-    parameters = space.parameters_at(x, "PPMMM")
+    parameters = space.parameters_at(x, {"order": "PPMMM"})
     scene = space.scene_of(parameters)
     assert 1e3 * scene.thickness == pytest.approx(parameters["diameter_mm"], rel=1e-14)
     lengths = [
@@ -294,7 +400,7 @@ def test_orders_are_all_ways_to_place_the_magnets(tmp_path: Path) -> None:
     space = space_of(tmp_path)
     assert len(orders(space.scene)) == len(set(orders(space.scene))) == 10  # 3 of 5 places
     assert orders(space.scene, own=True) == ("MPMMP",)
-    same = space.scene_at(x := space.drawn(np.random.default_rng(0)), "MPMMP")
+    same = space.scene_at(x := space.drawn(np.random.default_rng(0)), {"order": "MPMMP"})
     own = space.scene_at(x)
     assert same.hash() == own.hash()
 

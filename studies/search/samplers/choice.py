@@ -108,11 +108,14 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
     if name == "gauss-newton" and not study.scene.static:
         rule = "gauss-newton differentiates equilibria, and the scene is a motion"
         return rule, "sampler: tpe, or leave `dynamic` out of the scene's solver"
+    space = SearchSpace.of(study)
     if name == "gauss-newton" and study.vary.numbers:
         try:
-            variables(study.scene, SearchSpace.of(study).sensitivities)
+            variables(study.scene, space.sensitivities)
         except InputError as error:
-            return f"gauss-newton needs derivatives: {str(error).splitlines()[0]}", "sampler: tpe"
+            rule = str(error).splitlines()
+            said = f"{rule[0].partition(': ')[2]}: {rule[1].strip().removeprefix('rule: ')}"
+            return f"gauss-newton needs derivatives, and {said}", "sampler: tpe"
     if study.margin is not None and name in HEED_NO_CONSTRAINTS:
         rule = f"{name} would learn from designs that `stability` refuses as from others"
         return rule, "sampler: tpe or gauss-newton, or remove `stability`"
@@ -122,8 +125,13 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
             f" {len(study.minimize)}"
         )
         return rule, "sampler: nsga2, or remove `minimize`"
-    if study.vary.order is not None and name not in TAKE_CHOICES:
-        return f"{name} can't choose an order of segments", f"sampler: {TAKE_CHOICES[0]}"
+    if space.choices and name not in TAKE_CHOICES:
+        what = (
+            "an order of segments"
+            if space.order
+            else f"among values of {next(iter(space.choices))}"
+        )
+        return f"{name} can't choose {what}", f"sampler: {TAKE_CHOICES[0]}"
     return None
 
 

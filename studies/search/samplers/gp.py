@@ -23,7 +23,8 @@ from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
 from magmpm.compiled.arrays import Array
-from magmpm.studies.search.parameters import FieldVector, SegmentDirection, corner_of
+from magmpm.studies.search.parameters import corner_of
+from magmpm.studies.search.samplers.blocks import Ball, Direction
 from magmpm.studies.search.samplers.optuna_ids import other_trials, value_of
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -318,10 +319,10 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         self._rng = np.random.default_rng([seed, finished, 1])
         self._caution = 1.0
         self._scale = np.ones(space.size)
-        for block, at in space.those(FieldVector):
+        for block, at in space.those(Ball):
             self._scale[at] = block.radius
         self._layout = layout_of(
-            [(isinstance(block, SegmentDirection), block.size) for block in space.blocks]
+            [(isinstance(block, Direction), block.size) for block in space.blocks]
         )
 
     def infer_relative_search_space(
@@ -345,18 +346,14 @@ class ShapeSampler(optuna.samplers.BaseSampler):
     ) -> dict[str, Any]:
         ended, running, before = other_trials(study, trial, search_space)
         trials = [t for t in ended if t.state == TrialState.COMPLETE]
-        order = self._order(trials)
         if len(trials) + before < self._settings.alike:
-            return self._space.parameters_at(self._alike(len(trials) + before) * self._scale, order)
-        running = [t for t in running if t.params.get("order") == order]
-        known = [
-            t for t in trials if "residuals" in t.user_attrs and t.params.get("order") == order
-        ]
-        done = [self._embedded(t) for t in trials if t.params.get("order") == order]
+            return self._space.parameters_at(self._alike(len(trials) + before) * self._scale)
+        known = [t for t in trials if "residuals" in t.user_attrs]
+        done = [self._embedded(t) for t in trials]
         pending = np.array([self._embedded(t) for t in running]).reshape(-1, self._space.size)
         tried = np.concatenate([np.array(done).reshape(-1, self._space.size), pending])
         if len(known) < self._settings.alike or not self._space.size:
-            return self._space.parameters_at(self._drawn() * self._scale, order)
+            return self._space.parameters_at(self._drawn() * self._scale)
         known = sorted(known, key=lambda t: (_square(t), t.number))[: self._settings.most]
         x = np.array([self._embedded(t) for t in known])
         # if the last trial is not the best so far, what is uncertain is no reason against the next design
@@ -378,7 +375,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
             ]  # that the model knows least of
         else:
             chosen = self._least(model, x, tried)
-        return self._space.parameters_at(chosen * self._scale, order)
+        return self._space.parameters_at(chosen * self._scale)
 
     def _stuck(self, values: list[float]) -> bool:
         """True if two trials have brought little. Every other trial then looks elsewhere: a model of similar designs is too sure."""
@@ -409,9 +406,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         gradient = gradient / value
         for block, at in self._space.parts:
             length = float(np.linalg.norm(u[at]))
-            if isinstance(block, SegmentDirection) or (
-                isinstance(block, FieldVector) and length > 1.0
-            ):
+            if isinstance(block, Direction) or (isinstance(block, Ball) and length > 1.0):
                 gradient[at] = (gradient[at] - (gradient[at] @ x[at]) * x[at]) / max(length, 1e-12)
         # a pull back toward the design, without which the search would wander where nothing changes
         return float(np.log(value) + 0.5 * np.sum((u - x) ** 2)), gradient * (
@@ -422,7 +417,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         """1 at plain numbers outside their bounds, where the nearest design stays the same."""
         found = np.zeros(len(u))
         for block, at in self._space.parts:
-            if not isinstance(block, (SegmentDirection, FieldVector)):
+            if not isinstance(block, (Direction, Ball)):
                 found[at] = (u[at] < 0) | (u[at] > 1)
         return found
 
@@ -441,15 +436,6 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         for first in self._layout.directions:
             found[first : first + 3] = corner_of(self._seed, corner)
         return found
-
-    def _order(self, trials: list[FrozenTrial]) -> str | None:
-        """The order of the segments, where it varies: that of the best trial, or any, turn by turn."""
-        if not self._space.choices:
-            return None
-        solved = [t for t in trials if "residuals" in t.user_attrs]
-        if not solved or len(trials) % 2 == 0:
-            return str(self._rng.choice(self._space.choices["order"]))
-        return str(min(solved, key=lambda t: (_square(t), t.number)).params["order"])
 
 
 def _square(trial: FrozenTrial) -> float:
