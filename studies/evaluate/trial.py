@@ -20,12 +20,13 @@ from magmpm.errors import SolveError
 from magmpm.results.result import Result
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
-from magmpm.scene.addresses import value_at
+from magmpm.scene.addresses import Place, value_at, written
 from magmpm.statics.linearized import Sensitivities
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.exchanges import improved
 from magmpm.studies.rods.rod_designs import rod_starts
+from magmpm.studies.search.knobs import tolerances
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -62,7 +63,8 @@ class Scatter:
     angles, one along each of two perpendicular axes across d, both of the standard deviation
     `direction` (so the tilt itself, whatever way, has the root mean square of sqrt(2) times that).
     Each material's remanence, and each material's shear modulus, are multiplied by 1 + an error of
-    their own; segments of one material share it.
+    their own; segments of one material share it. Numbers by their addresses have errors of their
+    own, or of several one.
 
     The gaps g (m, 3) between shape and target then are g0 + J e, with e of the covariance S
     (diagonal). With M = J S^(1/2) and z of independent standard normal numbers,
@@ -161,29 +163,37 @@ class Scatter:
         }
 
 
-def kinds(errors: Robust) -> list[str]:
-    """Find which kinds of variables to request of `magmpm.sensitivities`.
+def kinds(errors: Robust, scene: Scene) -> list[str]:
+    """Find which variables to request of `magmpm.sensitivities`.
 
     Parameters
     ----------
     errors : Robust
         Those of manufacture.
+    scene : Scene
+        The study's scene.
 
     Returns
     -------
     list of str
-        The kinds that have an error.
+        The kinds that have an error, and the addresses of single numbers.
     """
-    named = {
+    named = [kind for kind, size in _sizes(errors).items() if size > 0]
+    each = [change for one in tolerances(errors, scene) for change in one.changes(scene)]
+    return [*named, *(written(place) for change in each for place in change)]
+
+
+def _sizes(errors: Robust) -> dict[str, float]:
+    """The standard deviations that words give, by kinds of variables: of directions rad, of others a share."""
+    return {
         "magnetization": errors.direction,
         "remanence": errors.remanence,
         "shear_modulus": errors.shear_modulus,
     }
-    return [kind for kind, size in named.items() if size > 0]
 
 
 def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> Array:
-    """Find the standard deviation of each variable of a scene's sensitivities.
+    """Find what the errors of manufacture change a scene's variables by.
 
     Parameters
     ----------
@@ -196,18 +206,27 @@ def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> A
 
     Returns
     -------
-    array (k,), each variable's unit
-        0 for those that have no error.
+    array (k, e), each variable's unit
+        By one standard deviation of each of e independent errors.
     """
-
-    def of(variable: Variable) -> float:
-        if variable.kind == "magnetization":
-            return errors.direction
-        if variable.kind in ("remanence", "shear_modulus"):
-            return float(getattr(errors, variable.kind) * value_at(scene, variable.place))
-        return 0.0
-
-    return np.array([of(variable) for variable in variables])
+    sizes = _sizes(errors)
+    changes = list[dict[int, float]]()
+    rows: dict[tuple[Place, Any], int] = {}  # a number may be there by its word and its address
+    for row, variable in enumerate(variables):
+        new = rows.setdefault((variable.place, variable.direction), row) == row
+        size = sizes.get(variable.kind, 0.0)
+        if new and size and isinstance(variable.place[-1], str):  # no component of a direction
+            now = 1.0 if variable.direction else value_at(scene, variable.place)
+            changes.append({row: size * now})
+    at = {place: row for (place, _), row in rows.items()}
+    for one in tolerances(errors, scene):
+        changes += [
+            {at[place]: size for place, size in change.items()} for change in one.changes(scene)
+        ]
+    found = np.zeros((len(variables), len(changes)))
+    for column, change in enumerate(changes):
+        found[list(change), column] = list(change.values())
+    return found
 
 
 @dataclass(frozen=True)
@@ -556,7 +575,7 @@ class Evaluation:
         """Kinds of variables by which solves are differentiated: for what gauss-newton reads, and for errors of manufacture."""
         errors = self.study.robust
         of = self.space.sensitivities if self.study.sampler == "gauss-newton" else []
-        return list(dict.fromkeys([*of, *(kinds(errors) if errors is not None else ())]))
+        return list(dict.fromkeys([*of, *(kinds(errors, self.space.scene) if errors else ())]))
 
     def evaluate(
         self,
@@ -674,7 +693,7 @@ class Evaluation:
             model
             if errors is None
             else model
-            | Scatter(gap, slopes * deviations(scene, found.variables, errors)).attributes()
+            | Scatter(gap, slopes @ deviations(scene, found.variables, errors)).attributes()
         )
 
     def _model(self, results: Sequence[Result], derived: list[Any]) -> dict[str, Any]:

@@ -208,7 +208,9 @@ class Study:
             "insertion": {"depths": list(self.depths)} if self.depths else None,
             "schedule": {"hold": self.hold} if self.keyframes else None,
             "minimize": list(self.minimize) if self.minimize != ("rms",) else None,
-            "robust": None if self.robust is None else self.robust.model_dump(mode="json"),
+            "robust": None
+            if self.robust is None
+            else self.robust.model_dump(mode="json", exclude_none=True),
             "stability": None if self.margin is None else {"margin": self.margin},
             "limits": (
                 None

@@ -25,7 +25,7 @@ from magmpm.inputs.settings import Key, Quantity, Settings, check_rising, fault,
 from magmpm.inputs.vectors import Axis
 from magmpm.scene import Scene
 from magmpm.studies.problem.sampler_names import NAMES, known_sampler
-from magmpm.studies.problem.variables import Vary
+from magmpm.studies.problem.variables import Addressed, Vary
 
 MOST_TRIALS = 1_000_000
 MOST_DEPTHS = 200
@@ -130,6 +130,18 @@ class Schedule(Settings):
 _Percentage = Annotated[float, Quantity("percentage", at_least="0 %", at_most="50 %")]
 
 
+class RobustNumber(Addressed):
+    """A number of the scene that is made with an error, or several that share one."""
+
+    deviation: Any = Field(
+        description=(
+            "Its standard deviation: a percentage of its value, or in its own unit; of a direction"
+            " an angle, along each of two axes across it."
+        ),
+        examples=["5 %"],
+    )
+
+
 class Robust(Settings):
     """Standard deviations of the errors that a design is made with."""
 
@@ -150,10 +162,17 @@ class Robust(Settings):
         description="Of each material's shear modulus, of its value; 0 % unless given.",
         examples=["5 %"],
     )
+    numbers: tuple[RobustNumber, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=1000,
+        description="Of any numbers of the scene, by their addresses.",
+        examples=[[{"of": "field.uniform[*]", "deviation": "0.1 mT"}]],
+    )
 
     @model_validator(mode="after")
     def _something(self) -> Robust:
-        if not any((self.direction, self.remanence, self.shear_modulus)):
+        if not any((self.direction, self.remanence, self.shear_modulus, self.numbers)):
             raise fault(
                 "robust must have an error that is not zero",
                 "write, say, `robust: {direction: 5 deg}`",

@@ -186,8 +186,8 @@ class FreeDirection(Settings):
         return self
 
 
-class VaryNumber(Settings):
-    """A number of the scene, or several that share one value: bounds, choices, or a direction."""
+class Addressed(Settings):
+    """A number of the scene, or several, by their addresses."""
 
     of: str | tuple[str, ...] = Field(
         description=(
@@ -196,6 +196,16 @@ class VaryNumber(Settings):
         ),
         examples=["effects.gravity.acceleration[0]"],
     )
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """All of its addresses."""
+        return self.of if isinstance(self.of, tuple) else (self.of,)
+
+
+class VaryNumber(Addressed):
+    """A number of the scene, or several that share one value: bounds, choices, or a direction."""
+
     min: Any = Field(default=None, description="Least value, with its unit.", examples=["2 Hz"])
     max: Any = Field(default=None, description="Greatest value, with its unit.", examples=["20 Hz"])
     log: bool = Field(
@@ -226,11 +236,6 @@ class VaryNumber(Settings):
         ),
         examples=[[0, 0, 1]],
     )
-
-    @property
-    def addresses(self) -> tuple[str, ...]:
-        """All of its addresses."""
-        return self.of if isinstance(self.of, tuple) else (self.of,)
 
     @model_validator(mode="after")
     def _one_way(self) -> VaryNumber:

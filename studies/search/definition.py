@@ -83,6 +83,7 @@ def load_study(path: Path | str) -> Study:
         requested = scene.resolution.model_copy(update={"of": "centreline"})
         scene = scene.with_cells(coarsest_cells(scene))
     study_checks.check_numbers(scene, file.vary, file.sampler, document)
+    study_checks.check_robust(scene, file, document)
     target, keyframes = _targets(file, document, scene)
     study = Study(
         path=document.path,

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.errors import InputError, in_one_line
-from magmpm.inputs.quantities import divided
+from magmpm.inputs.quantities import KINDS, divided, in_si
 from magmpm.inputs.vectors import Vector, angles_of, from_angles
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, check_apart, places, value_at, written
-from magmpm.studies.problem.variables import FreeDirection, VaryNumber
+from magmpm.scene.variables import tangents, variables
+from magmpm.studies.problem.study_file import Robust
+from magmpm.studies.problem.variables import Addressed, FreeDirection, VaryNumber
 from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, Number
 
 if TYPE_CHECKING:
@@ -425,16 +427,39 @@ def knobs(
     return tuple(found)
 
 
-def _of_number(number: VaryNumber, scene: Scene, at: str) -> list[Knob]:
-    """The knobs of a number: one for each place, or one for all that are tied. Raises InputError."""
-    tied = isinstance(number.of, tuple)
+def groups(number: Addressed, scene: Scene, at: str) -> list[tuple[Place, ...]]:
+    """Find the places of numbers.
+
+    Parameters
+    ----------
+    number : Addressed
+        With their addresses.
+    scene : Scene
+        The scene.
+    at : str
+        Where that is said, for messages.
+
+    Returns
+    -------
+    list of tuple of Place
+        One for each place, or one for all that are tied.
+
+    Raises
+    ------
+    InputError
+        For an address that the scene has not.
+    """
     try:
         each = [place for address in number.addresses for place in places(scene, address)]
     except InputError as error:
         raise InputError(f"{at}.of: {error}") from None
-    groups = [tuple(each)] if tied else [(place,) for place in each]
+    return [tuple(each)] if isinstance(number.of, tuple) else [(place,) for place in each]
+
+
+def _of_number(number: VaryNumber, scene: Scene, at: str) -> list[Knob]:
+    """The knobs of a number: one for each place, or one for all that are tied. Raises InputError."""
     out: list[Knob] = []
-    for group in groups:
+    for group in groups(number, scene, at):
         name = written(group[0])
         if number.direction is not None or number.within is not None:
             out.append(_turning(number, scene, name, group, at))
@@ -618,3 +643,111 @@ def made(scene: Scene, turned: Sequence[Knob], params: Values) -> Scene:
     for knob in turned:
         found = knob.arranged(found, params)
     return found
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Standard deviation of numbers of a scene that are made with one error.
+
+    Attributes
+    ----------
+    places : tuple of Place
+        Of the numbers, or of directions that are tilted.
+    size : float, SI or rad
+        The standard deviation.
+    relative : bool
+        Whether it is a share of each value.
+    """
+
+    places: tuple[Place, ...]
+    size: float
+    relative: bool
+
+    def changes(self, scene: Scene) -> list[dict[Place, float]]:
+        """Find what the numbers change by.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene that is made.
+
+        Returns
+        -------
+        list of dict[Place, float], SI
+            By one standard deviation of each independent error: one, or two tilts.
+        """
+        tilts: list[dict[Place, float]] = [{}, {}]
+        for place in self.places:
+            now = value_at(scene, place)
+            if not isinstance(now, list):
+                tilts[0][place] = self.size * (now if self.relative else 1.0)
+                continue
+            for tilt, tangent in zip(tilts, tangents(now), strict=True):
+                for i, part in enumerate(tangent):
+                    tilt[*place, i] = self.size * math.hypot(*now) * part
+        return [tilt for tilt in tilts if tilt]
+
+
+def tolerances(robust: Robust, scene: Scene) -> list[Tolerance]:
+    """Find the errors of numbers that a study names by their addresses.
+
+    Parameters
+    ----------
+    robust : Robust
+        What its file says.
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    list of Tolerance
+        The errors.
+
+    Raises
+    ------
+    InputError
+        For addresses that are not there, are named twice, or have no derivative, and for
+        deviations that can't be.
+    """
+    found = []
+    for k, number in enumerate(robust.numbers or ()):
+        at = f"robust.numbers[{k}]"
+        for group in groups(number, scene, at):
+            found.append(Tolerance(group, *_deviation(number.deviation, scene, group[0], at)))
+    words = {
+        "direction": ("magnetization", robust.direction),
+        "remanence": ("remanence", robust.remanence),
+        "shear_modulus": ("shear_modulus", robust.shear_modulus),
+    }
+    named = [
+        (f"robust.{word}", dict.fromkeys(v.place for v in variables(scene, [kind])))
+        for word, (kind, size) in words.items()
+        if size > 0.0
+    ]
+    check_apart([*named, *((written(one.places[0]), one.places) for one in found)], "robust")
+    for one in found:
+        for change in one.changes(scene):
+            variables(scene, [written(place) for place in change])
+    return found
+
+
+def _deviation(given: Any, scene: Scene, place: Place, at: str) -> tuple[float, bool]:
+    """A standard deviation, SI or a share of the value at a place, and whether it is a share. Raises InputError."""
+    now = value_at(scene, place)
+    said = divided(value_at(scene, place, units=True))
+    own = next((key for key, kind in KINDS.items() if said and said[1] in kind.plain), None)
+    size, unit = _number(given, f"{at}.deviation")
+    kind = "percentage" if unit == "%" else "angle" if isinstance(now, list) else own
+    if kind is not None:
+        size = in_si(given, kind, f"{at}.deviation")
+    most = {"percentage": 0.5, "angle": math.pi / 4}.get(kind or "", math.inf)
+    suits = bool(unit) == (kind is not None) and (unit != "%" or (isinstance(now, float) and now))
+    if not (0.0 < size <= most and suits):
+        raise InputError(
+            f"{at}.deviation",
+            received=repr(given),
+            rule="must be above 0: at most 45 deg of a direction, at most 50 % of a number that is"
+            " not 0",
+            remedy="write, say, `deviation: 5 %`, or a quantity in the number's own unit",
+        )
+    return size, unit == "%"

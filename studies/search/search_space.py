@@ -667,8 +667,11 @@ class SearchSpace:
         """
         found = np.zeros((len(variables), self.size))
         rows: dict[Place, list[int]] = {}  # of the Jacobian
+        known = set()  # a number may be there by its word and its address
         for row, variable in enumerate(variables):
-            rows.setdefault(variable.place, []).append(row)
+            if (key := (variable.place, variable.direction)) not in known:
+                rows.setdefault(variable.place, []).append(row)
+            known.add(key)
         regions = self.scene.regions()
         for turned, at in self.those(SegmentDirection):
             # none where the remanence is zero

@@ -16,6 +16,7 @@ from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.sampler_names import TAKE_CHOICES
 from magmpm.studies.problem.study_file import StudyFile
 from magmpm.studies.problem.variables import Vary, VaryLength
+from magmpm.studies.search.knobs import tolerances
 from magmpm.studies.search.scene_edits import MOST_ORDERS
 from magmpm.studies.search.search_space import numbers_space
 
@@ -425,6 +426,31 @@ def check_numbers(scene: Scene, vary: Vary, sampler: str | None, document: Docum
     if found is not None:
         key, received, rule, remedy = found
         raise InputError(place(document, *key), received=received, rule=rule, remedy=remedy)
+
+
+def check_robust(scene: Scene, file: StudyFile, document: Document) -> None:
+    """Check that the scene has the numbers that are made with errors, and that its shape has derivatives by them.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    file : StudyFile
+        What the study's file says.
+    document : Document
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        For the first that is not so.
+    """
+    if file.robust is None:
+        return
+    try:
+        tolerances(file.robust, scene)
+    except InputError as error:
+        raise InputError(f"{place(document, 'robust', 'numbers')}: {error}") from None
 
 
 Fault = tuple[tuple[str, ...], str, str, str]  # key, value received, rule, remedy

@@ -82,10 +82,10 @@ def main(samples: str = "300") -> int:
     )
     for name, scene, target in designs():
         begun = time.perf_counter()
-        found = sensitivities(scene, of=kinds(ERRORS))
+        found = sensitivities(scene, of=kinds(ERRORS, scene))
         sizes = deviations(scene, found.variables, ERRORS)
         expected = Scatter(
-            gaps(found.result.centreline, target), gap_derivatives(found, target) * sizes
+            gaps(found.result.centreline, target), gap_derivatives(found, target) @ sizes
         )
         seconds = time.perf_counter() - begun
         rng = np.random.default_rng([7, len(rows)])

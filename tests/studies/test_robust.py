@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rod_solve import STUDY, RodSensitivities, solve, write_study
 
+from magmpm.errors import InputError
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
 from magmpm.studies.engine.loop import run_study
@@ -15,6 +16,7 @@ from magmpm.studies.evaluate.trial import Scatter, deviations, kinds
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study_file import Robust
 from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.search_space import SearchSpace
 
 ERRORS = Robust(direction=math.radians(5), remanence=0.05, shear_modulus=0.04)
 ROBUST = STUDY + "robust: {direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}\n"
@@ -23,7 +25,7 @@ ROBUST = STUDY + "robust: {direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}
 def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
     """Central differences of the rod by every variable."""
     found = variables(scene, of)
-    step = {"rad": 1e-4, "T": 1e-6, "Pa": 10.0, "m": 1e-6}
+    step = {"rad": 1e-4, "T": 1e-6, "Pa": 10.0, "m": 1e-6, "1": 1e-4}
     pairs = [
         [solve(v.changed(scene, sign * step[v.unit])).centreline[:, 1:] for sign in (1, -1)]
         for v in found
@@ -83,13 +85,15 @@ def test_far_from_the_target_sigma_is_that_of_the_gradient() -> None:
 
 def test_each_error_has_its_size(tmp_path: Path) -> None:
     scene = load_scene(write_study(tmp_path).parent / "scene.yaml")
-    found = variables(scene, kinds(ERRORS))
-    sizes = dict(zip((v.name for v in found), deviations(scene, found, ERRORS), strict=True))
+    found = variables(scene, kinds(ERRORS, scene))
+    changes = deviations(scene, found, ERRORS)
+    assert np.count_nonzero(changes, axis=0).tolist() == [1] * changes.shape[1]
+    sizes = dict(zip((v.name for v in found), changes.sum(axis=1), strict=True))
     assert len(sizes) == 2 * 5 + 2
     assert sizes["segment_1_azimuth"] == sizes["segment_1_elevation"] == math.radians(5)
     assert sizes["remanence_magnetic"] == pytest.approx(0.05 * 0.138)
     assert sizes["shear_modulus_magnetic"] == pytest.approx(0.04 * 120e3)
-    assert kinds(Robust(remanence=0.1)) == ["remanence"]
+    assert kinds(Robust(remanence=0.1), scene) == ["remanence"]
 
 
 def test_scatter_of_the_rod_is_that_of_rods_made_with_errors(tmp_path: Path) -> None:
@@ -97,15 +101,15 @@ def test_scatter_of_the_rod_is_that_of_rods_made_with_errors(tmp_path: Path) -> 
     study = load_study(write_study(tmp_path))
     scene = study.scene
     rng = np.random.default_rng(3)
-    found = differentiate(scene, kinds(ERRORS))
+    found = differentiate(scene, kinds(ERRORS, scene))
     sizes = deviations(scene, found.variables, ERRORS)
     expected = Scatter(
-        gaps(found.result.centreline, study.target), gap_derivatives(found, study.target) * sizes
+        gaps(found.result.centreline, study.target), gap_derivatives(found, study.target) @ sizes
     )
     shapes = []
     for _ in range(400):
         made = scene
-        errors = sizes * rng.normal(size=len(sizes))
+        errors = sizes @ rng.normal(size=sizes.shape[1])
         for variable, error in zip(found.variables, errors, strict=True):
             made = variable.changed(
                 made, error
@@ -136,3 +140,73 @@ def test_a_study_judges_designs_by_mean_and_sigma(sampler: str, tmp_path: Path) 
     assert report.best["scatter_m"] > 0
     with pytest.raises(ValueError, match=r"sensitivities"):
         run_study(study, solve=solve, out=tmp_path / "other")
+
+
+WORDS = "{direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}"
+ADDRESSES = """{numbers: [
+  {of: 'body.catheter.segments[*].magnetization', deviation: 5 deg},
+  {of: materials.magnetic.remanence, deviation: 6.9 mT},
+  {of: materials.magnetic.shear_modulus, deviation: 4 %}]}"""
+
+
+def scatter_of(folder: Path, robust: str) -> Scatter:
+    study = load_study(write_study(folder, STUDY + f"robust: {robust}\n"))
+    assert study.robust is not None
+    found = differentiate(study.scene, kinds(study.robust, study.scene))
+    changes = deviations(study.scene, found.variables, study.robust)
+    apart = gaps(found.result.centreline, study.target)
+    return Scatter(apart, gap_derivatives(found, study.target) @ changes)
+
+
+def test_errors_by_address_are_those_of_their_words(tmp_path: Path) -> None:
+    """Also where both of two tilts, a share, and a quantity of 5 % of 138 mT say it."""
+    words = scatter_of(tmp_path / "words", WORDS)
+    addresses = scatter_of(tmp_path / "addresses", ADDRESSES)
+    assert addresses.scatter == pytest.approx(words.scatter, rel=1e-6)
+    assert addresses.moments() == pytest.approx(words.moments(), rel=1e-6)
+
+
+def test_numbers_of_one_error_change_together(tmp_path: Path) -> None:
+    """A field whose components err by the same amount scatters along one line, of several errors along more."""
+    tied = "{numbers: [{of: ['field.uniform[0]', 'field.uniform[2]'], deviation: 0.2 mT}]}"
+    assert scatter_of(tmp_path / "tied", tied).spread.shape[2] == 1
+    each = scatter_of(tmp_path / "each", "{numbers: [{of: 'field.uniform[*]', deviation: 0.2 mT}]}")
+    assert each.spread.shape[2] == 3
+    one = scatter_of(tmp_path / "one", tied).spread[:, :, 0]
+    np.testing.assert_allclose(one, each.spread[:, :, 0] + each.spread[:, :, 2], rtol=1e-12)
+
+
+def test_a_number_that_varies_and_errs_counts_once(tmp_path: Path) -> None:
+    text = STUDY.replace(
+        "  magnetization: {}\n",
+        "  numbers: [{of: materials.magnetic.remanence, min: 50 mT, max: 200 mT}]\n",
+    )
+    study = load_study(
+        write_study(tmp_path, text.replace("random", "gauss-newton") + "robust: {remanence: 5 %}\n")
+    )
+    space = SearchSpace.of(study)
+    x = np.array([0.4])
+    both = variables(space.scene_at(x), [*space.sensitivities, "remanence"])
+    assert len(both) == 2
+    once = space.chain(both[:1], x)
+    np.testing.assert_array_equal(space.chain(both, x).sum(axis=0), once[0])
+    assert study.robust is not None
+    assert deviations(space.scene_at(x), both, study.robust).shape[1] == 1
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        ("{of: materials.magnetic.remanense, deviation: 5 %}", "did you mean"),
+        ("{of: materials.magnetic.remanence, deviation: 5 mm}", "a flux density is expected"),
+        ("{of: materials.magnetic.remanence, deviation: 5}", "in the number's own unit"),
+        ("{of: materials.magnetic.remanence, deviation: 60 %}", "at most 50 %"),
+        ("{of: 'body.catheter.segments[0].magnetization', deviation: 5 %}", "at most 45 deg"),
+        ("{of: body.catheter.length, deviation: 1 mm}", "it has no derivative"),
+        ("{of: [field.uniform, 'field.uniform[2]'], deviation: 1 deg}", "is varied twice"),
+    ],
+)
+def test_wrong_errors_by_address_are_refused(number: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"probe\.yaml:\d+: robust\.numbers") as error:
+        load_study(write_study(tmp_path, STUDY + f"robust: {{numbers: [{number}]}}\n"))
+    assert told in str(error.value)
