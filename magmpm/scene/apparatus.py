@@ -25,17 +25,24 @@ APPARATUS = {
     **dict.fromkeys(_PLACE, "length"), **dict.fromkeys(_AXIS, "number"), **dict.fromkeys(_ANGLES, "angle"),
     "current": "current", **dict.fromkeys(_CURRENTS, "current"), "inserted": "length",
 }  # fmt: skip  # quantity of each column
+MAGNET: Place = ("field", "magnet", 0)
+POSITION: Place = (*MAGNET, "position")
+AXIS: Place = (*MAGNET, "axis")
+WORDS: dict[Place, str] = {
+    **{("field", "uniform", i): f"field_{a}" for i, a in enumerate(AXES)},
+    **{(*POSITION, i): name for i, name in enumerate(_PLACE)},
+    **{(*AXIS, i): name for i, name in enumerate(_AXIS)},
+    **{("field", "coils", k, "current"): name for k, name in enumerate(_CURRENTS)},
+}  # columns that are numbers of the scene by other names
 
 
 @dataclass(frozen=True)
 class Apparatus:
-    """Settings of a row in SI; None: the scene's own. magnet: its center, axis: where it points (of its scene's length or of a unit),
-    currents: (coil, current) pairs, inserted: length of the body that is free, of which a segmented one loses or gains the first segment.
+    """Settings of a row in SI. settings: numbers and vectors by their places (an axis of its scene's length or of a unit); inserted: length
+    of the body that is free, of which a segmented one loses or gains the first segment, None: the scene's own.
     """
 
-    magnet: Vector | None = None
-    axis: Vector | None = None
-    currents: tuple[tuple[int, float], ...] = ()
+    settings: tuple[tuple[Place, float | Vector], ...] = ()
     inserted: float | None = None
 
     def applied(self, scene: Scene) -> Scene:
@@ -45,13 +52,11 @@ class Apparatus:
         if self.inserted is not None:
             scene = variables(scene, ["length"])[0].changed(scene, self.inserted - scene.length)
         values: dict[Place, Any] = {
-            ("field", "coils", coil, "current"): current for coil, current in self.currents
+            place: list(value) if isinstance(value, tuple) else value
+            for place, value in self.settings
         }
-        magnet = ("field", "magnet", 0)
-        if self.magnet is not None:
-            values[*magnet, "position"] = list(self.magnet)
-        if self.axis is not None:
-            values |= {(*magnet, "axis"): list(self.axis), (*magnet, "magnetization"): None}
+        if AXIS in values:
+            values[*MAGNET, "magnetization"] = None
         return changed(scene, values)
 
 
@@ -60,7 +65,7 @@ OWN = Apparatus()  # that of the scene
 
 def check_apparatus(header: CsvLine, named: set[str], scene: Scene) -> None:
     """Raises TableError where the scene lacks what the columns set."""
-    if not (given := named & set(APPARATUS)):
+    if not (given := {name for name in named if name in APPARATUS or "." in name}):
         return
     if scene.in_time:
         raise header.error(
@@ -97,12 +102,18 @@ def check_apparatus(header: CsvLine, named: set[str], scene: Scene) -> None:
         )
 
 
-def apparatus_of(line: CsvLine, values: Mapping[str, float], scene: Scene) -> Apparatus:
-    """The settings of a row; components without a column are the scene's. Raises TableError where the scene can't be set so."""
+def apparatus_of(
+    line: CsvLine, values: Mapping[str, float], placed: Mapping[str, Place], scene: Scene
+) -> Apparatus:
+    """The settings of a row; components without a column are the scene's. placed: of columns that are addresses. Raises TableError where
+    the scene can't be set so."""
     own = (scene.field.magnet or (None,))[0]
-    magnet = axis = None
+    settings: dict[Place, float | Vector] = {
+        place: values[name] for name, place in placed.items() if name in values
+    }
+    axis = None
     if own is not None and any(name in values for name in _PLACE):
-        magnet = _vector(
+        settings[POSITION] = _vector(
             values.get(name, part) for name, part in zip(_PLACE, own.position, strict=True)
         )
     if any(name in values for name in _AXIS):
@@ -116,9 +127,12 @@ def apparatus_of(line: CsvLine, values: Mapping[str, float], scene: Scene) -> Ap
     elif any(name in values for name in _ANGLES):
         a, e = (values.get(name, 0.0) for name in _ANGLES)
         axis = from_angles(a, e)
-    names = ("current",) if "current" in values else _CURRENTS
-    currents = tuple((k, values[name]) for k, name in enumerate(names) if name in values)
-    found = Apparatus(magnet, axis, currents, values.get("inserted"))
+    if axis is not None:
+        settings[AXIS] = axis
+    for k, name in enumerate(("current",) if "current" in values else _CURRENTS):
+        if name in values:
+            settings["field", "coils", k, "current"] = values[name]
+    found = Apparatus(tuple(settings.items()), values.get("inserted"))
     if (broken := _broken(found, scene)) is not None:
         raise line.error(broken[0], broken[1], broken[2])
     return found

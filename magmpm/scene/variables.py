@@ -52,6 +52,13 @@ class Variable:
     direction: Vector | None = None
 
     @property
+    def address(self) -> str:
+        """Its address; of a turn that of its angle."""
+        angle = "azimuth", "elevation"
+        turned = [f".{one}" for one in angle if self.unit == "rad" and self.name.endswith(one)]
+        return written(self.place) + "".join(turned)
+
+    @property
     def material(self) -> str | None:
         """Name of the material that it belongs to."""
         return str(self.place[1]) if self.place[:1] == ("materials",) else None

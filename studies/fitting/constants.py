@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +19,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import divided
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, changed, value_at, written
+from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.scene.variables import Variable, of_lengths, segment_lengths, tangents, variables
 
 OF_MATERIALS = ("shear_modulus", "remanence", "density")
@@ -57,12 +58,15 @@ class Constant:
         How many of the unit in which people read it are an SI one, and that unit.
     known : float or None
         Standard deviation, in x, of what is known beforehand; None: nothing.
+    shared : tuple of Place
+        Other places that have the same value.
     """
 
     variable: Variable
     start: float
-    shown: tuple[float, str] = (1.0, "")  # unit in which people read it, and how many are an SI one
-    known: float | None = None  # standard deviation, in x, of what is known beforehand
+    shown: tuple[float, str] = (1.0, "")
+    known: float | None = None
+    shared: tuple[Place, ...] = ()
 
     @property
     def name(self) -> str:
@@ -80,9 +84,20 @@ class Constant:
         return self.variable.unit
 
     @property
-    def word(self) -> str:
-        """Word by which `variables` has it, among others of its kind."""
-        return self.name if self.name == written(self.variable.place) else self.kind
+    def places(self) -> tuple[Place, ...]:
+        """All of its places."""
+        return (self.variable.place, *self.shared)
+
+    @property
+    def address(self) -> str:
+        """Its address, or all of them with `=` between them."""
+        return "=".join([self.variable.address, *map(written, self.shared)])
+
+    @property
+    def words(self) -> list[str]:
+        """Words by which `variables` has it, among others of its kind."""
+        own = self.name if self.name == written(self.variable.place) else self.kind
+        return [own, *map(written, self.shared)]
 
     @property
     def relative(self) -> bool:
@@ -151,8 +166,8 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
     scene : Scene
         The scene.
     of : sequence of str, optional
-        Their kinds or names; shear moduli, remanences, and in motion the losses that it names
-        unless given.
+        Their kinds, names or addresses, with `=` between those that share one value; shear moduli,
+        remanences, and in motion the losses that it names unless given.
 
     Returns
     -------
@@ -177,7 +192,8 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
         ]
     found: dict[str, Constant] = {}
     for word in of:
-        for constant in _named(scene, word):
+        each = [constant for one in word.split("=") for constant in _named(scene, one.strip())]
+        for constant in _tied(word, each) if "=" in word else each:
             found[constant.name] = constant
     if not found:
         raise InputError(
@@ -186,7 +202,7 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
             rule="a fit needs a constant to find",
             remedy="say, --vary shear_modulus",
         )
-    places = [c.variable.place for c in found.values() if c.kind != "magnetization"]
+    places = [place for c in found.values() if c.kind != "magnetization" for place in c.places]
     if len(set(places)) < len(places):
         raise InputError(
             "--vary",
@@ -195,6 +211,20 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
             remedy="leave one of them out",
         )
     return tuple(found.values())
+
+
+def _tied(word: str, each: Sequence[Constant]) -> list[Constant]:
+    """Constants that share one value as one that begins at the first one's. Raises InputError."""
+    first, *others = each
+    if any(not c.relative or c.kind == "length" or c.unit != first.unit for c in each):
+        raise InputError(
+            "--vary",
+            received=word,
+            rule="what shares a value changes by factors, and has one unit: no fields, turns or"
+            " lengths of segments",
+            remedy="say, --vary materials.a.shear_modulus=materials.b.shear_modulus",
+        )
+    return [replace(first, shared=tuple(c.variable.place for c in others))]
 
 
 def _named(scene: Scene, word: str) -> list[Constant]:
@@ -248,8 +278,14 @@ def _made(scene: Scene, kind: str) -> list[Constant] | str:
 
 
 def _at_address(scene: Scene, address: str) -> list[Constant]:
-    """The numbers at an address. Raises InputError for one that a fit can't change by factors."""
+    """The numbers at an address, of a direction its angles. Raises InputError for one that a fit can't change by factors."""
     try:
+        named = places(scene, address)
+        turned = _made(scene, "magnetization")
+        if isinstance(turned, list) and (
+            angles := [c for c in turned if c.variable.place in named]
+        ):
+            return angles
         found = _started(scene, variables(scene, [address]))
     except InputError as error:
         raise InputError(f"--vary: {error}") from None
@@ -257,7 +293,7 @@ def _at_address(scene: Scene, address: str) -> list[Constant]:
         rule = None
         if constant.kind == "magnetization":
             rule = "a direction turns by two angles, not by a component"
-            remedy = "--vary magnetization, or the name of one, such as segment_1_azimuth"
+            remedy = "leave the index out for both, or --vary segment_1_azimuth"
         elif constant.relative and constant.start == 0.0:
             rule = "a fit changes a number by factors, and it is 0 in the scene"
             remedy = "give it a first guess"
@@ -323,7 +359,7 @@ def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[
         chosen = [
             constant
             for constant in constants
-            if constant.name == name or (constant.kind == name and constant.relative)
+            if _is(constant, name) and (constant.name == name or constant.relative)
         ]
         if not chosen:
             names = ", ".join(constant.name for constant in constants if constant.relative)
@@ -333,10 +369,22 @@ def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[
                 rule=f"must be one of the varied constants: {names}",
                 remedy="correct the name",
             )
+    own = sorted(known.items(), key=lambda one: one[0] in KINDS)  # of a kind what has no own one
     return tuple(
-        replace(c, known=known.get(c.name, known.get(c.kind)) if c.relative else None)
+        replace(c, known=next((size for name, size in own if _is(c, name) and c.relative), None))
         for c in constants
     )
+
+
+def _is(constant: Constant, name: str) -> bool:
+    """True if a name is a constant's own, that of its kind, or its address, with [*] or not."""
+    each = {place for one in constant.places for place in (written(one), _starred(one))}
+    return name in (constant.name, constant.kind) or name in each
+
+
+def _starred(place: Place) -> str:
+    """The address of each of a list, in which a place is."""
+    return re.sub(r"\[\d+\]", "[*]", written(place))
 
 
 def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
@@ -372,7 +420,7 @@ def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
         elif constant.kind == "field":
             values[constant.variable.place] = value_at(scene, constant.variable.place) + value
         elif constant.kind != "magnetization":
-            values[constant.variable.place] = value
+            values |= dict.fromkeys(constant.places, value)
     for place, _, a, e, d, t, u in _turned(scene, constants, x):
         turned = np.cos(e) * (np.cos(a) * d + np.sin(a) * t) + np.sin(e) * u
         values[place] = turned.tolist()
@@ -394,7 +442,7 @@ def places_of(scene: Scene, constants: Sequence[Constant]) -> list[Place]:
     list of Place
         The places.
     """
-    found = dict.fromkeys(constant.variable.place for constant in constants)
+    found = dict.fromkeys(place for constant in constants for place in constant.places)
     if any(c.kind == "length" and c.variable.region is not None for c in constants):
         found |= dict.fromkeys(of_lengths(scene, segment_lengths(scene)))
     return list(found)
@@ -439,7 +487,8 @@ def chain(
     out = np.zeros((len(there), len(constants)))
     for k, constant in enumerate(constants):
         if constant.kind != "magnetization":
-            out[place[constant.name], k] = constant.slope(float(x[k]))
+            for name in (constant.name, *constant.words[1:]):
+                out[place[name], k] = constant.slope(float(x[k]))
     for turned, pair, a, e, d, t, u in _turned(scene, constants, x):
         slopes = (
             np.cos(e) * (np.cos(a) * t - np.sin(a) * d),

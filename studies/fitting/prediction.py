@@ -19,7 +19,6 @@ from magmpm.results.measures import of_particles, tip_of
 from magmpm.scene import Scene
 from magmpm.scene.addresses import value_at, written
 from magmpm.scene.apparatus import Apparatus
-from magmpm.scene.variables import ADDRESS
 from magmpm.simulate import run, sensitivities, simulated
 from magmpm.solving.solve import RunOptions
 from magmpm.statics.equilibrium import Following
@@ -308,7 +307,7 @@ class Prediction:
                 rule=rule,
                 remedy=remedy,
             )
-        places = [c.variable.place for c in self.constants if c.kind == ADDRESS]
+        places = [p for c in self.constants if c.kind not in ("field", "length") for p in c.places]
         for readings in self.measured.states if places else ():
             there = readings.apparatus.applied(self.scene)
             for place in places:
@@ -377,7 +376,7 @@ class Prediction:
         """The shape in a field of an apparatus; tables may share one."""
         base = apparatus.applied(self.scene if field is None else self.scene.with_field(field))
         scene = applied(base, self.constants, x)
-        words = list(dict.fromkeys(constant.word for constant in self.constants))
+        words = list(dict.fromkeys(word for c in self.constants for word in c.words))
         self._following.expected = lambda rod: self._last.get(index)
         self.solves += 1
         near = sensitivities(scene, of=words, start=self._following) if slopes else None

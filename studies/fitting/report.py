@@ -11,8 +11,9 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.quantities import divided
-from magmpm.scene.addresses import put, value_at
-from magmpm.studies.fitting.constants import GEOMETRY, applied, places_of
+from magmpm.scene.addresses import put, value_at, written
+from magmpm.scene.apparatus import AXIS, POSITION
+from magmpm.studies.fitting.constants import GEOMETRY, Constant, applied, places_of
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.search import Fit, Fitted
 from magmpm.studies.fitting.solve import quantile_of
@@ -199,6 +200,7 @@ def _entry(one: Fitted) -> dict[str, Any]:
     c = one.constant
     entry: dict[str, Any] = {
         "name": c.name,
+        "address": c.address,
         "kind": c.kind,
         "value": one.value,
         "unit": c.unit,
@@ -247,7 +249,7 @@ def text(found: Fit) -> str:
         interval = f"{low:>12} to {high:<11}"
         lines.append(
             f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g} "
-            f" {finer:>11}  {unit}"
+            f" {finer:>11}  {unit:6}  {_other_name(one.constant)}".rstrip()
         )
     of_each = ", ".join(
         f"{1e3 * found.sigma_m * ratio:.3g}" for ratio in dict.fromkeys(found.ratios)
@@ -272,6 +274,11 @@ def text(found: Fit) -> str:
         f"  solves           {found.solves} in {found.seconds:.1f} s",
     ]
     return "\n".join(lines)
+
+
+def _other_name(constant: Constant) -> str:
+    """The address of a constant that has another name."""
+    return "" if constant.name == constant.address else constant.address
 
 
 def _exact(found: Fit) -> str:
@@ -512,9 +519,9 @@ def _over(found: Fit, table: Measurements) -> tuple[dict[int, tuple[float, str]]
 
 def _apparatus(table: Measurements) -> tuple[list[tuple[float, str]], str | None]:
     """Place of each state on the axis and the group of its series, by what the apparatus changes most; the axis's label, None: nothing."""
-    rows = [state.apparatus for state in table.states]
-    if (magnet := rows[0].magnet) is not None:
-        away = np.array([np.array(row.magnet or magnet) for row in rows])
+    rows = [dict(state.apparatus.settings) for state in table.states]
+    if POSITION in rows[0]:
+        away = np.array([row[POSITION] for row in rows])
         sizes = np.linalg.norm(away, axis=1)
         polar = np.degrees(np.arctan2(np.hypot(away[:, 1], away[:, 2]), away[:, 0])).round()
         group = [f" at {angle:.0f} deg" if np.ptp(polar) > 0 else "" for angle in polar]
@@ -523,23 +530,19 @@ def _apparatus(table: Measurements) -> tuple[list[tuple[float, str]], str | None
                 list(zip((1e3 * sizes).tolist(), group, strict=True)),
                 "distance of the magnet's center from the clamp (mm)",
             )
-    if rows[0].axis is not None:
-        turns = [
-            math.degrees(
-                math.atan2(
-                    np.linalg.norm(np.cross((1, 0, 0), row.axis or ())), (row.axis or (0.0,))[0]
-                )
-            )
-            for row in rows
-        ]
+    if AXIS in rows[0]:
+        axes = np.array([row[AXIS] for row in rows])
+        across = np.linalg.norm(axes[:, 1:], axis=1)
+        turns = np.degrees(np.arctan2(across, axes[:, 0])).tolist()
         return [(turn, "") for turn in turns], "angle of the magnet's axis to the body's (deg)"
-    if rows[0].currents:
-        return [(row.currents[0][1], "") for row in rows], "current in the first coil (A)"
-    return (
-        ([], None)
-        if rows[0].inserted is None
-        else ([(1e3 * (row.inserted or 0.0), "") for row in rows], "inserted length (mm)")
-    )
+    for place in (place for place, value in rows[0].items() if isinstance(value, float)):
+        coil = place[:2] == ("field", "coils")
+        named = "current in the first coil (A)" if coil else f"{written(place)} (SI)"
+        return [(row[place], "") for row in rows], named
+    inserted = [state.apparatus.inserted for state in table.states]
+    if inserted[0] is None:
+        return [], None
+    return [(1e3 * (length or 0.0), "") for length in inserted], "inserted length (mm)"
 
 
 def _curves(table: Measurements, labels: list[Label]) -> dict[str, Any]:

@@ -15,11 +15,20 @@ from pathlib import Path
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
+from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_lines
-from magmpm.inputs.quantities import KINDS
+from magmpm.inputs.quantities import KINDS, divided
 from magmpm.inputs.vectors import Vector
 from magmpm.scene import Scene
-from magmpm.scene.apparatus import APPARATUS, OWN, Apparatus, apparatus_of, check_apparatus
+from magmpm.scene.addresses import Place, places, value_at, written
+from magmpm.scene.apparatus import (
+    APPARATUS,
+    OWN,
+    WORDS,
+    Apparatus,
+    apparatus_of,
+    check_apparatus,
+)
 
 AXES = "xyz"
 _UNITS = {
@@ -176,15 +185,13 @@ class Measurements:
 
 @dataclass(frozen=True)
 class _Column:
-    """A column: its place, what it holds, and its unit in SI; a label has no quantity."""
+    """A column: its title, what it holds, its unit in SI, and the kind of that; a label has no quantity."""
 
     title: str
     quantity: str
     factor: float
-
-    @property
-    def kind(self) -> str:
-        return _QUANTITIES[self.quantity]
+    kind: str = ""
+    place: Place = ()  # of a number by its address
 
 
 def read_tables(paths: Sequence[Path | str], scene: Scene) -> Measurements:
@@ -380,7 +387,8 @@ def read_measured(
         raise TableError(
             str(path), received="no rows", rule="a table has a header and rows", remedy=_START
         )
-    columns = _columns(header)
+    columns = _columns(header, scene)
+    placed = {column.quantity: column.place for column in columns if column.place}
     kind = _kind(header, columns)
     named = {column.quantity for column in columns if column.quantity}
     _fit_together(header, named, scene, kind)
@@ -395,7 +403,7 @@ def read_measured(
         values = _row(line, columns, named, kind, scene)
         if keep is not None and not keep(dict(zip(header.cells, line.cells, strict=True))):
             continue
-        state = _field_of(values, scene), values.get("t"), apparatus_of(line, values, scene)
+        state = _field_of(values, scene), values.get("t"), apparatus_of(line, values, placed, scene)
         grouped.setdefault(state, []).append((int(line.place.rsplit(":", 1)[1]), values))
     if not grouped and keep is None:
         raise TableError(
@@ -430,27 +438,63 @@ def _readings(state: _State, rows: list[tuple[int, dict[str, float]]], prefix: s
     return Readings(field, time, lines, s, points, column(angle), apparatus=apparatus, plane=plane)
 
 
-def _columns(header: CsvLine) -> list[_Column]:
+def _columns(header: CsvLine, scene: Scene) -> list[_Column]:
     """Columns named by the header. Raises TableError."""
     found: list[_Column] = []
     for title in header.cells:
-        if title in LABELS:
-            found.append(_Column(title, "", 1.0))
-            continue
-        quantity, _, unit = (
-            (title, "", "") if _QUANTITIES.get(title) == "number" else title.rpartition("_")
-        )
-        if quantity not in _QUANTITIES or unit not in _UNITS[_QUANTITIES[quantity]]:
-            raise _unknown(header, title)
-        if quantity in (column.quantity for column in found):
+        column = _addressed(header, title, scene) if "." in title else _named(header, title)
+        if column.quantity and column.quantity in (other.quantity for other in found):
             raise header.error(
-                f"each column may appear once, and {quantity} appears twice",
+                f"each column may appear once, and {column.quantity} appears twice",
                 "remove one of the two",
                 title,
             )
-        factor = float(KINDS[_QUANTITIES[quantity]].plain[unit]) if unit else 1.0
-        found.append(_Column(title, quantity, factor))
+        found.append(column)
     return found
+
+
+def _named(header: CsvLine, title: str) -> _Column:
+    """The column of a word. Raises TableError."""
+    if title in LABELS:
+        return _Column(title, "", 1.0)
+    quantity, _, unit = (
+        (title, "", "") if _QUANTITIES.get(title) == "number" else title.rpartition("_")
+    )
+    kind = _QUANTITIES.get(quantity)
+    if kind is None or unit not in _UNITS[kind]:
+        raise _unknown(header, title)
+    return _Column(title, quantity, float(KINDS[kind].plain[unit]) if unit else 1.0, kind)
+
+
+def _addressed(header: CsvLine, title: str, scene: Scene) -> _Column:
+    """The column of a number by its address, "field.uniform[2] (mT)": that of its word, or one of its own. Raises TableError."""
+    address, _, unit = title.removesuffix(")").partition(" (")
+    try:
+        place, *more = places(scene, address)
+    except InputError as error:
+        rule, remedy = (line.partition(": ")[2] for line in str(error).splitlines()[1:])
+        raise header.error(rule, remedy, f'the column "{title}"') from None
+    said = divided(value_at(scene, place, units=True))
+    if more or said is None:
+        raise header.error(
+            "a column is the address of one number",
+            'write, say, "field.uniform[2] (mT)"',
+            f'the column "{title}"',
+        )
+    own = said[1]
+    kind = next((key for key, kind in KINDS.items() if own in kind.plain), "number")
+    known = KINDS[kind].plain if kind in KINDS else {"": 1}
+    if unit not in known:
+        raise header.error(
+            f"the number's unit stands behind it, one of {', '.join(known)}",
+            f'write, say, "{address} ({own})"' if own else f'write "{address}"',
+            f'the column "{title}"',
+        )
+    word = WORDS.get(place)
+    factor = float(known[unit])
+    if word is not None:
+        return _Column(title, word, factor, kind)
+    return _Column(title, written(place), factor, kind, place)
 
 
 def _unknown(header: CsvLine, title: str) -> TableError:
@@ -509,7 +553,7 @@ def _kind(header: CsvLine, columns: list[_Column]) -> str:
 
 def _fit_together(header: CsvLine, named: set[str], scene: Scene, kind: str) -> None:
     """Raises TableError where the columns do not suit each other, or the scene."""
-    fields = {name for name in named if name.startswith("field")}
+    fields = named & {"field", *(f"field_{a}" for a in AXES)}
     angles = named & set(ANGLES)
     parts = scene.body.parts
     axis = scene.body.shape.line is not None
@@ -590,7 +634,7 @@ def _row(
     for quantity in (
         "s",
         "t",
-        *(name for name in named if name.startswith("field") or name in APPARATUS),
+        *(name for name in named if name.startswith("field") or name in APPARATUS or "." in name),
     ):
         if quantity in named and quantity not in values:
             title = next(column.title for column in columns if column.quantity == quantity)
@@ -625,8 +669,9 @@ def _number(line: CsvLine, column: _Column, text: str) -> float:
             "correct it, or leave the cell empty",
             f'"{text[:40]}" in {column.title}',
         )
-    if abs(value) > MOST[column.kind] * (1 + 1e-12):
-        most = MOST[column.kind] / column.factor
+    most = MOST.get(column.kind, math.inf)
+    if abs(value) > most * (1 + 1e-12):
+        most /= column.factor
         raise line.error(
             f"{column.title} must be at most {most:g}",
             "check the number, and the unit in the header",

@@ -50,7 +50,7 @@ def scene(poses: bool) -> Any:
 def one(number: int, poses: str = "") -> dict[str, Any]:
     """A fit: the true values, and the intervals."""
     from magmpm import run
-    from magmpm.scene.apparatus import Apparatus
+    from magmpm.scene.apparatus import POSITION, Apparatus
     from magmpm.studies.fitting import fit, read_measured
     from magmpm.studies.fitting.prediction import Axis, tip_angle
 
@@ -69,7 +69,7 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
         noise = rng.normal(0.0, NOISE, 3)
         off = rng.normal(0.0, ANGLE_NOISE)
         there = (
-            Apparatus((0.0, 0.0, 1e-3 * size)).applied(body)
+            Apparatus(((POSITION, (0.0, 0.0, 1e-3 * size)),)).applied(body)
             if poses
             else body.with_field([0.0, 0.0, 1e-3 * size])
         )

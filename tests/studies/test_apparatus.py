@@ -15,7 +15,7 @@ from magmpm import load_scene, run
 from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from magmpm.scene.apparatus import Apparatus
+from magmpm.scene.apparatus import AXIS, POSITION, Apparatus
 from magmpm.studies.fitting import Refused, fit, read_measured, read_split, search
 from magmpm.studies.fitting.constants import constants_of
 from magmpm.studies.fitting.identify import refuse_twins
@@ -46,14 +46,14 @@ SCENE, COILS = (
         (
             "magnet_z_mm",
             "90",
-            Apparatus((0.01, 0.0, 0.09)),
+            Apparatus(((POSITION, (0.01, 0.0, 0.09)),)),
         ),  # components without a column are the scene's
         (
             "magnet_azimuth_deg,magnet_elevation_deg",
             "90,0",
-            Apparatus(axis=pytest.approx((0.0, 1.0, 0.0), abs=1e-15)),
+            Apparatus(((AXIS, pytest.approx((0.0, 1.0, 0.0), abs=1e-15)),)),
         ),
-        ("magnet_axis_x,magnet_axis_z", "-2,0", Apparatus(axis=(-2.0, 0.0, 0.0))),
+        ("magnet_axis_x,magnet_axis_z", "-2,0", Apparatus(((AXIS, (-2.0, 0.0, 0.0)),))),
         ("inserted_mm", "30", Apparatus(inserted=0.03)),
     ],
 )
@@ -169,7 +169,7 @@ def test_the_command_predicts_what_is_held_out(tmp_path: Path) -> None:
     rows = ["series,magnet_z_mm,tip_angle_xz_deg"]
     body = SCENE.with_material(shear_modulus=100e3)
     for series, z in (("a", 110.0), ("a", 90.0), ("b", 100.0), ("a", 80.0)):
-        there = run(Apparatus((0.01, 0.0, 1e-3 * z)).applied(body))
+        there = run(Apparatus(((POSITION, (0.01, 0.0, 1e-3 * z)),)).applied(body))
         rows.append(
             f"{series},{z},{math.degrees(tip_angle(Axis.alone(there.centreline, there.tip), 2)[0]):.9f}"
         )

@@ -26,7 +26,13 @@ from magmpm.studies.fitting import (
     summary,
     text,
 )
-from magmpm.studies.fitting.constants import Constant, applied, constants_of, diameter_of
+from magmpm.studies.fitting.constants import (
+    Constant,
+    applied,
+    constants_of,
+    diameter_of,
+    with_known,
+)
 from magmpm.studies.fitting.identify import _fewer
 from magmpm.studies.fitting.misfit import doubted
 from magmpm.studies.fitting.prediction import Prediction
@@ -119,6 +125,11 @@ WRONG = [
     ("field_mT,tip_x_mm\n,5\n", "field_mT empty", "can't be empty"),
     ("x_mm,z_mm\n1,\n", "measured.csv:2", "all its coordinates"),
     ("tip_x_mm,tip_x_m\n1,1\n", "tip_x_m", "appears twice"),
+    ("field.unifrom[2] (mT),tip_x_mm\n1,1\n", "field.unifrom[2]", "did you mean field.uniform[2]"),
+    ("field.uniform[2],tip_x_mm\n1,1\n", "field.uniform[2]", 'write, say, "field.uniform[2] (mT)"'),
+    ("field.uniform[2] (mm),tip_x_mm\n1,1\n", "field.uniform[2]", "one of T, mT"),
+    ("field.uniform[*] (mT),tip_x_mm\n1,1\n", "field.uniform[*]", "the address of one number"),
+    ("field.uniform[2] (mT),field_z_mT,tip_x_mm\n1,1,1\n", "field_z", "appears twice"),
 ]
 
 
@@ -635,6 +646,76 @@ def test_constants_by_address_are_those_of_their_kind(tmp_path: Path) -> None:
         "shear_modulus_magnetic_silicone",
         f"materials.{MATERIAL}.shear_modulus",
     )
+
+
+def two_materials() -> Scene:
+    """Five segments; the last one is of another material."""
+    scene = load_scene(ROOT / "data/scenes/five_segments.yaml").with_cells(2)
+    other = {"shear_modulus": "80 kPa", "bulk_to_shear": 20.0, "remanence": "80 mT"}
+    data = scene.with_material("other", **other).to_si()
+    data["body"]["catheter"]["segments"][-1]["material"] = "other"
+    return Scene.from_si(data)
+
+
+def test_numbers_that_share_a_value_are_one_constant(tmp_path: Path) -> None:
+    """Their slope is the sum of both; both addresses stand in JSON and in the table."""
+    scene = two_materials()
+    addresses = [f"materials.{MATERIAL}.shear_modulus", "materials.other.shear_modulus"]
+    measured = read_measured(tips(tmp_path), scene)
+    both = constants_of(scene, ["=".join(addresses)])
+    assert len(both) == 1
+    x = np.array([0.1])
+    one = Prediction(scene, measured, both)
+    assert {m.shear_modulus for m in applied(scene, both, x).materials.values()} == {
+        both[0].value(0.1)
+    }
+    there = applied(scene, both, x)
+    apart = Prediction(there, measured, constants_of(there, addresses)).at(np.zeros(2))[1]
+    np.testing.assert_allclose(one.at(x)[1][:, 0], apart.sum(axis=1), rtol=1e-6)
+    found = fit(measured, scene, vary=["=".join(addresses)], noise=1e-5, thorough=False)
+    assert summary(found)["constants"][0]["address"] == "=".join(addresses)
+    assert "=".join(addresses) in text(found)
+
+
+@pytest.mark.parametrize("word", ["field", "magnetization", "remanence"])
+def test_what_has_no_value_to_share_is_refused(word: str) -> None:
+    with pytest.raises(InputError, match="what shares a value changes by factors"):
+        constants_of(SCENE, [f"shear_modulus={word}"])
+
+
+def test_words_are_names_of_addresses(tmp_path: Path) -> None:
+    """Of a direction both angles; what is known beforehand may be said by any of the names."""
+    scene = two_materials()
+    by_word = constants_of(scene, ["magnetization", "shear_modulus"])
+    addresses = ["body.catheter.segments[*].magnetization", "materials.other.shear_modulus"]
+    by_address = constants_of(scene, addresses)
+    turns = [c for c in by_word if c.kind == "magnetization"]
+    assert list(by_address[:-1]) == turns
+    assert turns[0].address == "body.catheter.segments[0].magnetization.azimuth"
+    assert by_word[-1].address == addresses[1] == by_address[-1].name
+    for name in ("shear_modulus", "shear_modulus_other", addresses[1]):
+        assert with_known(by_word, {name: 0.02})[-1].known == 0.02
+    every = with_known(
+        constants_of(scene, ["shear_modulus"]), {"shear_modulus": 0.1, addresses[1]: 0.02}
+    )
+    assert [c.known for c in every] == [0.1, 0.02]
+
+
+def test_a_column_may_be_an_address(tmp_path: Path) -> None:
+    """Of a number that has a word it is that column; any other number is set for its row, and then is no constant to find."""
+    word = read_measured(table(tmp_path, "field_z_mT,tip_x_mm\n2,38\n4,37\n"), SCENE)
+    address = read_measured(table(tmp_path, "field.uniform[2] (mT),tip_x_mm\n2,38\n4,37\n"), SCENE)
+    assert [s.field for s in word.states] == [s.field for s in address.states]
+    column = f"materials.{MATERIAL}.remanence (mT)"
+    measured = read_measured(
+        table(tmp_path, f"{column},tip_x_mm,tip_z_mm\n60,39,5\n90,38,9\n"), SCENE
+    )
+    made = [state.apparatus.applied(SCENE).materials[MATERIAL] for state in measured.states]
+    assert [material.remanence for material in made] == [0.06, 0.09]
+    with pytest.raises(InputError, match="a column that sets"):
+        fit(measured, SCENE, vary=["remanence"], noise=1e-4)
+    found = fit(measured, SCENE, vary=["shear_modulus"], noise=1e-3, thorough=False)
+    assert shown(found)["panels"][0]["x_label"] == f"materials.{MATERIAL}.remanence (SI)"
 
 
 @pytest.mark.slow
