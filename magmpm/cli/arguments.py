@@ -145,8 +145,8 @@ COMMANDS = {
     "map": Command(
         "tables.tip_map",
         "map the tip over many fields",
-        "Map the tip over many uniform fields, and flag fields with several stable shapes. Writes"
-        " a table, JSON and a picture.",
+        "Map the tip over many uniform fields, the scene's field.uniform, and flag fields with"
+        " several stable shapes. Writes a table, JSON and a picture.",
         (
             _value("scene", "SCENE", "scene file of a catheter or strip that is held at its base"),
             _value("--fields", "N", "approximate number of fields [1000]", type=int, default=1000),
@@ -171,6 +171,13 @@ COMMANDS = {
                 "--target",
                 "FILE",
                 "CSV table of a centerline, or a study: the shape is compared with it",
+            ),
+            _value(
+                "--vary",
+                "ADDRESS=MIN,MAX",
+                "slider of any number of the scene, such as 'materials.rubber.remanence=50 mT,200"
+                " mT'; may be repeated",
+                action="append",
             ),
             _CELLS,
             _value(
@@ -298,9 +305,9 @@ COMMANDS = {
             _value(
                 "--vary",
                 "NAME,...",
-                "shear_modulus, remanence, density, length, magnetization, field, damping,"
-                " viscosity, or the name or address of one constant [shear_modulus,remanence, and"
-                " a motion's losses]",
+                "addresses of the scene's numbers, with = between those that share one value, or"
+                " their words: shear_modulus, remanence, density, length, magnetization, field,"
+                " damping, viscosity [shear_modulus,remanence, and a motion's losses]",
             ),
             _value(
                 "--noise",
@@ -314,7 +321,8 @@ COMMANDS = {
             _value(
                 "--known",
                 "NAME=SHARE,...",
-                "constants known beforehand, with their standard deviations, such as remanence=2%%",
+                "constants known beforehand, by word or address, with their standard deviations,"
+                " such as remanence=2%%",
             ),
             _value("--level", "PERCENT", "level of the intervals [95]", type=float, default=95.0),
             _value(

@@ -140,7 +140,7 @@ def sweep(options: argparse.Namespace) -> int:
     from magmpm.studies.goals.sweep import sweep as swept
 
     given = options.set or []
-    values = dict(map(_values, given))
+    values = dict(address_and_values(text, "--set") for text in given)
     if not values or len(values) < len(given):
         raise InputError(
             "--set",
@@ -204,19 +204,19 @@ def _axis(values: list[Any]) -> tuple[list[float], str | None]:
     return [float(texts.index(str(value))) for value in values], None
 
 
-def _values(text: str) -> tuple[str, list[Any]]:
-    """An address and its values, from ADDRESS=V1,V2. Raises InputError."""
+def address_and_values(text: str, option: str, count: int | None = None) -> tuple[str, list[Any]]:
+    """An address and its values, as many as `count` says, from ADDRESS=V1,V2 of an option. Raises InputError."""
     address, _, listed = text.partition("=")
     try:
         values = read_value(f"[{listed}]")
     except ValueError:
         values = []
-    if not address.strip() or not values:
+    if not address.strip() or not values or len(values) != (count or len(values)):
         raise InputError(
-            "--set",
+            option,
             received=repr(text),
             rule="must be ADDRESS=V1,V2",
-            remedy="write, say, --set 'field.uniform[2]=2 mT,4 mT'",
+            remedy=f"write, say, {option} 'field.uniform[2]=2 mT,4 mT'",
         )
     return address.strip(), values
 

@@ -123,7 +123,8 @@ def _map_text(found: TipMap, files: list[Path]) -> str:
         if number
     ]
     head = (
-        f"{found.scene.name}: the tip in {count(len(found.tip), 'field')}, in {found.seconds:.1f} s"
+        f"{found.scene.name}: the tip in {count(len(found.tip), 'field')} (field.uniform), in"
+        f" {found.seconds:.1f} s"
     )
     return "\n".join([head, *reversed(rows), *(f"saved {path}" for path in files)])
 

@@ -17,6 +17,7 @@ from magmpm.scene import Scene, load_scene
 
 if TYPE_CHECKING:
     from magmpm.cli.page_server import PageServer
+    from magmpm.studies.problem.variables import VaryNumber
 
 
 def command(options: argparse.Namespace) -> int:
@@ -45,8 +46,9 @@ def command(options: argparse.Namespace) -> int:
         from magmpm.cli.view_pages import ShapeView
         from magmpm.studies.explore.live import ready
 
+        more = [_slider(text) for text in options.vary or ()]
         with of_file(path):
-            view = ShapeView(ready(scene, options.cells), path, folder, target, target_name)
+            view = ShapeView(ready(scene, options.cells), path, folder, target, target_name, more)
     try:
         return _serve(view, path, options)
     finally:
@@ -76,6 +78,15 @@ def _requested(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, An
             "omit it"
         )
     return scene, path, *_target(Path(options.target), scene)
+
+
+def _slider(text: str) -> VaryNumber:
+    """The number and its bounds in ADDRESS=MIN,MAX. Raises InputError."""
+    from magmpm.cli.goals import address_and_values
+    from magmpm.studies.problem.variables import VaryNumber
+
+    address, ends = address_and_values(text, "--vary", 2)
+    return VaryNumber(of=address, min=ends[0], max=ends[1])
 
 
 def _target(path: Path, scene: Scene) -> tuple[Any, str]:

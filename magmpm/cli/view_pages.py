@@ -4,7 +4,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from magmpm.studies.explore.live import (
     controls,
     saved,
 )
+from magmpm.studies.problem.variables import VaryNumber
 from magmpm.viz.page import MotionStage, Stage, about_scene, packed
 
 
@@ -33,15 +34,21 @@ class ShapeView:
     """The page of a scene at rest: previews, shapes and saved scenes by the values of its sliders."""
 
     def __init__(
-        self, scene: Scene, path: Path, folder: Path, target: Any, target_name: str
+        self,
+        scene: Scene,
+        path: Path,
+        folder: Path,
+        target: Any,
+        target_name: str,
+        more: Sequence[VaryNumber] = (),
     ) -> None:
-        """scene: ready to be solved; path: its file; folder: where scenes are saved; target (m, 4) m or None."""
+        """scene: ready to be solved; path: its file; folder: where scenes are saved; target (m, 4) m or None; more: more sliders."""
         self.scene = scene
         self.path = path
         self.folder = folder
         self.target = target
         self.target_name = target_name
-        self.controls = {control.id: control for control in controls(scene)}
+        self.controls = {control.id: control for control in controls(scene, more)}
         self._previewing = threading.Lock()
         self._drawing = threading.Lock()
         self._saving = threading.Lock()

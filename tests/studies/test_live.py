@@ -33,6 +33,7 @@ from magmpm.studies.explore.tip_map import (
     rod_tips,
     solved,
 )
+from magmpm.studies.problem.variables import VaryNumber
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "data" / "scenes"
@@ -85,6 +86,40 @@ def test_the_saved_scene_is_the_one_shown(name: str, tmp_path: Path) -> None:
     again = saved(scene, path, shown, known, TURNS[name], tmp_path / "deep" / "view-1.yaml")
     assert again.hash() == shown.hash()
     assert (again.body, again.field) == (shown.body, shown.field)  # to the last bit
+
+
+MORE = [
+    VaryNumber(of="materials.magnetic silicone.remanence", min="50 mT", max="200 mT"),
+    VaryNumber(of="resolution.cells_across", min=2, max=6),
+]
+
+
+def test_any_number_can_have_a_slider(tmp_path: Path) -> None:
+    """By its address, in the unit of its bounds; whole numbers stay whole. What is saved is what is shown."""
+    scene = load_scene(FIVE)
+    known = {control.id: control for control in controls(scene, MORE)}
+    values = {"materials.magnetic silicone.remanence": 99.5, "resolution.cells_across": 3.0}
+    assert [known[name].value for name in values] == [138.0, 4]
+    assert changed(scene, known, {name: known[name].value for name in values}) == scene
+    shown = changed(scene, known, values)
+    assert shown.materials["magnetic silicone"].remanence == pytest.approx(0.0995, rel=1e-15)
+    assert shown.resolution.cells_across == 3
+    again = saved(scene, FIVE, shown, known, values, tmp_path / "view-1.yaml")
+    assert again.materials == shown.materials
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        ({"of": "materials.magnetic silicone.remanense"}, "did you mean"),
+        ({"of": "field.uniform[2]", "min": "1 mm", "max": "2 mm"}, "the scene refuses it"),
+        ({"of": "field.uniform"}, "the scene refuses it"),
+    ],
+)
+def test_a_slider_of_no_number_is_refused(number: dict[str, str], told: str) -> None:
+    with pytest.raises(InputError) as error:
+        controls(load_scene(FIVE), [VaryNumber(**{"min": "1 mT", "max": "2 mT"} | number)])
+    assert told in str(error.value)
 
 
 def test_one_turned_number_leaves_the_others_words(tmp_path: Path) -> None:

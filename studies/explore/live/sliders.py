@@ -6,7 +6,7 @@ The file is the scene's own, with its units and words; only what was turned is w
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,9 @@ from magmpm.scene.addresses import Place, put, say, written
 from magmpm.scene.addresses import changed as changed_at
 from magmpm.scene.variables import of_lengths
 from magmpm.solving.effects_choice import choose_effects
+from magmpm.studies.problem.variables import VaryNumber
 from magmpm.studies.search.best_scene import as_yaml, moved_content
+from magmpm.studies.search.knobs import Bounded, Knob, knobs
 
 SOURCES = ("dipole", "magnet", "coils")
 AXES = "xyz"
@@ -60,9 +62,32 @@ class Control:
         return asdict(self)
 
 
-def controls(scene: Scene) -> tuple[Control, ...]:
-    """All that can be turned in a scene, in the order in which they are shown."""
-    return (*_field(scene), *_inserted(scene), *_sources(scene), *_directions(scene))
+def controls(scene: Scene, more: Sequence[VaryNumber] = ()) -> tuple[Control, ...]:
+    """All that can be turned in a scene, in the order in which they are shown; more: other numbers within bounds, by their addresses.
+
+    Raises InputError as `knobs` does, and for a number that the scene leaves out.
+    """
+    usual = (*_field(scene), *_inserted(scene), *_sources(scene), *_directions(scene))
+    return (*usual, *(_of_number(knob, scene) for knob in knobs(more, scene)))
+
+
+def _of_number(knob: Knob, scene: Scene) -> Control:
+    """Slider of a number within bounds. Raises InputError."""
+    place = knob.places[0]
+    own = knob.own(scene)
+    if not isinstance(knob, Bounded) or not own:
+        raise InputError(
+            "--vary",
+            received=written(place),
+            rule="must be a number that the scene has",
+            remedy="write it in the scene's file",
+        )
+    (value,) = own.values()
+    low = min(knob.low, value)
+    high = max(knob.high, value)
+    step = 1.0 if knob.whole else (high - low) / 400
+    name = written(place)
+    return Control(name, "Numbers", name, knob.unit, low, high, step, value, place)
 
 
 def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
@@ -217,8 +242,10 @@ def _at_places(known: Mapping[str, Control], new: Values) -> dict[Place, Any]:
     found: dict[Place, Any] = {}
     for name, value in new.items():
         place = known[name].place
-        if known[name].unit != "deg":
-            found[place] = f"{value:.15g} {known[name].unit}"
+        if name == written(place):
+            whole = isinstance(known[name].value, int) and value.is_integer()
+            number = int(value) if whole else value
+            found[place] = f"{value:.15g} {known[name].unit}" if known[name].unit else number
             continue
         both = [control for control in known.values() if control.place == place]
         found[place] = {c.label: f"{new.get(c.id, c.value):.15g} deg" for c in both}

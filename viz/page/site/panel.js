@@ -19,7 +19,7 @@ export class Panel {
       summary.textContent = name;
       group.dataset.group = name;
       group.append(summary);
-      if (members[0].id.startsWith("field.uniform")) this.polar(group, members);
+      if (name !== "Numbers" && members[0].id.startsWith("field.uniform")) this.polar(group, members);
       for (const control of members) group.append(this.slider(control, (value) => this.turned(control.id, value)));
       place.append(group);
     }
@@ -30,6 +30,7 @@ export class Panel {
   slider({ id, label, unit, low, high, step, value }, moved, kind = "") {
     const row = document.createElement("label"), range = document.createElement("input"), number = document.createElement("input");
     const name = document.createElement("span"), units = document.createElement("small");
+    row.title = id.startsWith("polar") ? "" : id; // its address
     row.className = `slider ${kind || (id.startsWith("field") ? "field" : "")}`;
     name.textContent = label;
     units.textContent = unit === "deg" ? "°" : unit;
