@@ -20,13 +20,13 @@ from magmpm.errors import SolveError
 from magmpm.results.result import Result
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, value_at, written
+from magmpm.scene.addresses import written
 from magmpm.statics.linearized import Sensitivities
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.exchanges import improved
 from magmpm.studies.rods.rod_designs import rod_starts
-from magmpm.studies.search.knobs import tolerances
+from magmpm.studies.search.knobs import errors_of
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -163,35 +163,6 @@ class Scatter:
         }
 
 
-def kinds(errors: Robust, scene: Scene) -> list[str]:
-    """Find which variables to request of `magmpm.sensitivities`.
-
-    Parameters
-    ----------
-    errors : Robust
-        Those of manufacture.
-    scene : Scene
-        The study's scene.
-
-    Returns
-    -------
-    list of str
-        The kinds that have an error, and the addresses of single numbers.
-    """
-    named = [kind for kind, size in _sizes(errors).items() if size > 0]
-    each = [change for one in tolerances(errors, scene) for change in one.changes(scene)]
-    return [*named, *(written(place) for change in each for place in change)]
-
-
-def _sizes(errors: Robust) -> dict[str, float]:
-    """The standard deviations that words give, by kinds of variables: of directions rad, of others a share."""
-    return {
-        "magnetization": errors.direction,
-        "remanence": errors.remanence,
-        "shear_modulus": errors.shear_modulus,
-    }
-
-
 def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> Array:
     """Find what the errors of manufacture change a scene's variables by.
 
@@ -200,7 +171,7 @@ def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> A
     scene : Scene
         The scene.
     variables : sequence of Variable
-        The k variables.
+        The k variables, those at the places of `errors_of` among them.
     errors : Robust
         Those of manufacture.
 
@@ -209,23 +180,12 @@ def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> A
     array (k, e), each variable's unit
         By one standard deviation of each of e independent errors.
     """
-    sizes = _sizes(errors)
-    changes = list[dict[int, float]]()
-    rows: dict[tuple[Place, Any], int] = {}  # a number may be there by its word and its address
-    for row, variable in enumerate(variables):
-        new = rows.setdefault((variable.place, variable.direction), row) == row
-        size = sizes.get(variable.kind, 0.0)
-        if new and size and isinstance(variable.place[-1], str):  # no component of a direction
-            now = 1.0 if variable.direction else value_at(scene, variable.place)
-            changes.append({row: size * now})
-    at = {place: row for (place, _), row in rows.items()}
-    for one in tolerances(errors, scene):
-        changes += [
-            {at[place]: size for place, size in change.items()} for change in one.changes(scene)
-        ]
+    changes = errors_of(errors, scene)
+    rows = {variable.place: row for row, variable in enumerate(variables)}
     found = np.zeros((len(variables), len(changes)))
     for column, change in enumerate(changes):
-        found[list(change), column] = list(change.values())
+        for place, size in change.items():
+            found[rows[place], column] = size
     return found
 
 
@@ -570,12 +530,23 @@ class Evaluation:
         """
         return solve(self.scenes(params)[-1], **_near(self.starts(params)[-1]))
 
-    @property
-    def differentiated(self) -> list[str]:
-        """Kinds of variables by which solves are differentiated: for what gauss-newton reads, and for errors of manufacture."""
+    def differentiated(self, scene: Scene) -> list[str]:
+        """Find the variables by which a solve is differentiated: for what gauss-newton reads, and for errors of manufacture.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+
+        Returns
+        -------
+        list of str
+            Kinds and addresses.
+        """
         errors = self.study.robust
         of = self.space.sensitivities if self.study.sampler == "gauss-newton" else []
-        return list(dict.fromkeys([*of, *(kinds(errors, self.space.scene) if errors else ())]))
+        made = errors_of(errors, scene) if errors else ()
+        return list(dict.fromkeys([*of, *(written(place) for one in made for place in one)]))
 
     def evaluate(
         self,
@@ -624,7 +595,7 @@ class Evaluation:
                 result = solve(scene, **_near(start))
                 derived = None
             else:
-                found = differentiate(scene, self.differentiated, **_near(start))
+                found = differentiate(scene, self.differentiated(scene), **_near(start))
                 result = found.result
                 derived = self._derived(found, scene, params, number)
             self.gaps(result, number)  # what can't be compared fails here

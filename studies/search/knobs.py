@@ -171,15 +171,16 @@ class Bounded(Knob):
     def smooth(self) -> bool:
         return not self.whole
 
-    def distributions(self) -> dict[str, BaseDistribution]:
-        from optuna.distributions import FloatDistribution, IntDistribution
+    @property
+    def block(self) -> Number:
+        """The parameter."""
+        return Number(self.name, self.low, self.high, self.log, self.whole)
 
-        if self.whole:
-            return {self.name: IntDistribution(int(self.low), int(self.high), log=self.log)}
-        return {self.name: FloatDistribution(self.low, self.high, log=self.log)}
+    def distributions(self) -> dict[str, BaseDistribution]:
+        return self.block.distributions()
 
     def blocks(self) -> list[Block]:
-        return [] if self.whole else [Number(self.name, self.low, self.high, self.log)]
+        return [] if self.whole else [self.block]
 
     def at(self, params: Values) -> dict[Place, Any]:
         value = int(params[self.name]) if self.whole else float(params[self.name])
@@ -645,104 +646,67 @@ def made(scene: Scene, turned: Sequence[Knob], params: Values) -> Scene:
     return found
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """Standard deviation of numbers of a scene that are made with one error.
-
-    Attributes
-    ----------
-    places : tuple of Place
-        Of the numbers, or of directions that are tilted.
-    size : float, SI or rad
-        The standard deviation.
-    relative : bool
-        Whether it is a share of each value.
-    """
-
-    places: tuple[Place, ...]
-    size: float
-    relative: bool
-
-    def changes(self, scene: Scene) -> list[dict[Place, float]]:
-        """Find what the numbers change by.
-
-        Parameters
-        ----------
-        scene : Scene
-            The scene that is made.
-
-        Returns
-        -------
-        list of dict[Place, float], SI
-            By one standard deviation of each independent error: one, or two tilts.
-        """
-        tilts: list[dict[Place, float]] = [{}, {}]
-        for place in self.places:
-            now = value_at(scene, place)
-            if not isinstance(now, list):
-                tilts[0][place] = self.size * (now if self.relative else 1.0)
-                continue
-            for tilt, tangent in zip(tilts, tangents(now), strict=True):
-                for i, part in enumerate(tangent):
-                    tilt[*place, i] = self.size * math.hypot(*now) * part
-        return [tilt for tilt in tilts if tilt]
-
-
-def tolerances(robust: Robust, scene: Scene) -> list[Tolerance]:
-    """Find the errors of numbers that a study names by their addresses.
+def errors_of(robust: Robust, scene: Scene) -> list[dict[Place, float]]:
+    """Find the errors that a scene is made with: words name numbers by their addresses, too.
 
     Parameters
     ----------
     robust : Robust
-        What its file says.
+        What a study's file says.
     scene : Scene
-        The scene.
+        The scene that is made.
 
     Returns
     -------
-    list of Tolerance
-        The errors.
+    list of dict[Place, float], SI
+        What numbers change by one standard deviation of each independent error. A direction has two,
+        tilts along both of its `tangents`.
 
     Raises
     ------
     InputError
-        For addresses that are not there, are named twice, or have no derivative, and for
-        deviations that can't be.
+        For addresses that are not there, or are named twice, and for deviations that can't be.
     """
-    found = []
+    found: list[tuple[tuple[Place, ...], float, bool]] = []  # places, deviation, of each value
+    for kind, size in (
+        ("magnetization", robust.direction),
+        ("remanence", robust.remanence),
+        ("shear_modulus", robust.shear_modulus),
+    ):
+        known = variables(scene, [kind]) if size else ()
+        found += [((place,), size, True) for place in dict.fromkeys(v.place for v in known)]
     for k, number in enumerate(robust.numbers or ()):
         at = f"robust.numbers[{k}]"
         for group in groups(number, scene, at):
-            found.append(Tolerance(group, *_deviation(number.deviation, scene, group[0], at)))
-    words = {
-        "direction": ("magnetization", robust.direction),
-        "remanence": ("remanence", robust.remanence),
-        "shear_modulus": ("shear_modulus", robust.shear_modulus),
-    }
-    named = [
-        (f"robust.{word}", dict.fromkeys(v.place for v in variables(scene, [kind])))
-        for word, (kind, size) in words.items()
-        if size > 0.0
-    ]
-    check_apart([*named, *((written(one.places[0]), one.places) for one in found)], "robust")
-    for one in found:
-        for change in one.changes(scene):
-            variables(scene, [written(place) for place in change])
-    return found
+            found.append((group, *_deviation(number.deviation, scene, group[0], at)))
+    check_apart([(written(group[0]), group) for group, _, _ in found], "robust")
+    changes = []
+    for group, size, relative in found:
+        tilts: tuple[dict[Place, float], ...] = ({}, {})
+        for place in group:
+            now = value_at(scene, place)
+            if not isinstance(now, list):
+                tilts[0][place] = size * (now if relative else 1.0)
+                continue
+            for tilt, tangent in zip(tilts, tangents(now), strict=True):
+                length = size * math.hypot(*now)
+                tilt |= {(*place, i): length * part for i, part in enumerate(tangent)}
+        changes += filter(None, tilts)
+    return changes
 
 
 def _deviation(given: Any, scene: Scene, place: Place, at: str) -> tuple[float, bool]:
     """A standard deviation, SI or a share of the value at a place, and whether it is a share. Raises InputError."""
     now = value_at(scene, place)
-    said = divided(value_at(scene, place, units=True))
-    own = next((key for key, kind in KINDS.items() if said and said[1] in kind.plain), None)
+    vector = isinstance(now, list)
     size, unit = _number(given, f"{at}.deviation")
-    kind = "percentage" if unit == "%" else "angle" if isinstance(now, list) else own
-    if kind is not None:
+    said = divided(value_at(scene, place, units=True))
+    own = next((key for key, kind in KINDS.items() if said and said[1] in kind.plain), "")
+    kind = "percentage" if unit == "%" else "angle" if vector else own
+    if kind:
         size = in_si(given, kind, f"{at}.deviation")
-    most = {"percentage": 0.5, "angle": math.pi / 4}.get(kind or "", math.inf)
-    suits = bool(unit) == (kind is not None) and (unit != "%" or (isinstance(now, float) and now))
-    if not (0.0 < size <= most and suits):
+    most = {"percentage": 0.5, "angle": math.pi / 4}.get(kind, math.inf)
+    if not 0.0 < size <= most or bool(unit) != bool(kind) or (unit == "%" and (vector or not now)):
         raise InputError(
             f"{at}.deviation",
             received=repr(given),

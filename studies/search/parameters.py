@@ -11,16 +11,13 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.scene.addresses import Place, written
 from magmpm.studies.search.samplers.blocks import Ball, Direction, Number
-
-if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
 
 Parameters = Mapping[str, Any]
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -88,8 +85,6 @@ class VariedNumber(Number):
         Index of the segment that it belongs to.
     shared : tuple of Place
         Other places that have the same value.
-    whole : bool
-        Whether it is an integer.
     """
 
     what: str = "number"
@@ -97,18 +92,6 @@ class VariedNumber(Number):
     place: Place = ()
     segment: int | None = None
     shared: tuple[Place, ...] = ()
-    whole: bool = False
-
-    def distributions(self) -> dict[str, BaseDistribution]:
-        from optuna.distributions import IntDistribution
-
-        if self.whole:
-            return {self.name: IntDistribution(int(self.low), int(self.high), log=self.log)}
-        return super().distributions()
-
-    def write(self, x: Array) -> dict[str, float]:
-        found = super().write(x)
-        return {self.name: round(found[self.name])} if self.whole else found
 
     @property
     def kinds(self) -> list[str]:

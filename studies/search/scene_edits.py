@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import astuple
 from functools import lru_cache
 from typing import Any
 
@@ -191,17 +192,14 @@ def addressed(
             continue
         place, *shared = knob.places
         thick = place == ("body", scene.body.kind, "diameter") and not shared
+        what = "diameter" if thick else "number"
         numbers.append(
             VariedNumber(
-                knob.name,
-                knob.low,
-                knob.high,
-                knob.log,
-                "diameter" if thick else "number",
-                1.0 / knob.scale,
-                place,
+                *astuple(knob.block),
+                what=what,
+                unit=1.0 / knob.scale,
+                place=place,
                 shared=tuple(shared),
-                whole=knob.whole,
             )
         )
     return numbers, rest

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 _Kind = TypeVar("_Kind", bound=Block)
 __all__ = ["FIELD", "SearchSpace"]
-STEP = 1e-5  # of a direction's turn, of differences that cost no run
+STEP = 1e-7  # of a whole one, of differences that cost no run: right to as much
 
 
 @dataclass(frozen=True)
@@ -710,20 +710,16 @@ class SearchSpace:
         return found
 
     def _turned(self, knob: Turning, block: Block, x: Array, at: slice) -> dict[Place, Array]:
-        """Derivatives (3, k), SI, of the vectors of a knob by the coordinates of one of its blocks: of second order, away from bounds."""
+        """Derivatives (3, k), SI, of the vectors of a knob by the coordinates of one of its blocks: differences that stay within bounds."""
         basis, _, high = block.tangent(x[at])
-        found = {place: np.zeros((3, block.size)) for place in knob.places}
-        for step, along in zip(
-            np.diag(np.where(high > 3 * STEP, STEP, -STEP)), np.linalg.pinv(basis), strict=True
-        ):
-            near = []
-            for count in range(3):
-                there = x.copy()
-                there[at] = block.moved(x[at], count * step)
-                near.append(knob.vectors(self.coordinates.write(there)))
-            for place in found:
-                zero, one, two = (knob.scale * np.array(vectors[place]) for vectors in near)
-                slope = (2.0 * one - 1.5 * zero - 0.5 * two) / step.sum()
+        here = knob.vectors(self.coordinates.write(x))
+        found = {place: np.zeros((3, block.size)) for place in here}
+        steps = np.diag(np.where(high > STEP, STEP, -STEP))
+        for step, along in zip(steps, np.linalg.pinv(basis), strict=True):
+            moved = x.copy()
+            moved[at] = block.moved(x[at], step)
+            for place, there in knob.vectors(self.coordinates.write(moved)).items():
+                slope = knob.scale * np.subtract(there, here[place]) / step.sum()
                 found[place] += np.outer(slope, along)
         return found
 

@@ -12,11 +12,13 @@ from magmpm.errors import InputError, dotted
 from magmpm.inputs.user_files import folder_fault
 from magmpm.inputs.yaml_document import Document
 from magmpm.scene import Scene
+from magmpm.scene.addresses import written
+from magmpm.scene.variables import variables
 from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.sampler_names import TAKE_CHOICES
 from magmpm.studies.problem.study_file import StudyFile
 from magmpm.studies.problem.variables import Vary, VaryLength
-from magmpm.studies.search.knobs import tolerances
+from magmpm.studies.search.knobs import errors_of
 from magmpm.studies.search.scene_edits import MOST_ORDERS
 from magmpm.studies.search.search_space import numbers_space
 
@@ -448,7 +450,8 @@ def check_robust(scene: Scene, file: StudyFile, document: Document) -> None:
     if file.robust is None:
         return
     try:
-        tolerances(file.robust, scene)
+        made = errors_of(file.robust, scene)
+        variables(scene, [written(place) for change in made for place in change])
     except InputError as error:
         raise InputError(f"{place(document, 'robust', 'numbers')}: {error}") from None
 

@@ -15,10 +15,11 @@ import numpy as np
 
 from magmpm import run, sensitivities
 from magmpm.scene import Scene, load_scene
-from magmpm.scene.variables import Variable, tangents
-from magmpm.studies.evaluate.trial import Scatter, deviations, kinds
+from magmpm.scene.addresses import Place, changed, value_at, written
+from magmpm.studies.evaluate.trial import Scatter, deviations
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study_file import Robust
+from magmpm.studies.search.knobs import errors_of
 
 ERRORS = Robust(direction=math.radians(5), remanence=0.05, shear_modulus=0.05)
 
@@ -51,26 +52,21 @@ def designs() -> list[tuple[str, Scene, np.ndarray]]:
     return found
 
 
-def made_with_errors(
-    scene: Scene, variables: tuple[Variable, ...], sizes: np.ndarray, rng: np.random.Generator
-) -> Scene:
+def made_with_errors(scene: Scene, rng: np.random.Generator) -> Scene:
     """The scene with errors drawn: directions tilted along great circles, materials multiplied."""
-    data = scene.to_si()
-    errors = sizes * rng.normal(size=len(sizes))
+    total: dict[Place, float] = {}
+    for change in errors_of(ERRORS, scene):
+        drawn = rng.normal()
+        for place, size in change.items():
+            total[place] = total.get(place, 0.0) + drawn * size
     directions = np.array([region.magnetization for region in scene.regions()])
-    for region in {v.region for v in variables if v.kind == "magnetization"}:
-        first, second = (
-            errors[i]
-            for i, v in enumerate(variables)
-            if v.kind == "magnetization" and v.region == region
-        )
-        across = np.array(tangents(directions[region])).T @ [first, second]
+    for k, region in enumerate(scene.regions()):
+        at = ("body", *region.at, "magnetization")
+        across = np.array([total.pop((*at, i)) for i in range(3)])
         angle = np.linalg.norm(across)
-        directions[region] = math.cos(angle) * directions[region] + math.sin(angle) / angle * across
-    for variable, error in zip(variables, errors, strict=True):
-        if variable.material is not None:
-            data["materials"][variable.material][variable.kind] += error
-    return Scene.from_si(data).with_magnetizations(directions)
+        directions[k] = math.cos(angle) * directions[k] + math.sin(angle) / angle * across
+    made = changed(scene, {at: value_at(scene, at) + size for at, size in total.items()})
+    return made.with_magnetizations(directions)
 
 
 def main(samples: str = "300") -> int:
@@ -82,7 +78,8 @@ def main(samples: str = "300") -> int:
     )
     for name, scene, target in designs():
         begun = time.perf_counter()
-        found = sensitivities(scene, of=kinds(ERRORS, scene))
+        of = dict.fromkeys(written(at) for one in errors_of(ERRORS, scene) for at in one)
+        found = sensitivities(scene, of=list(of))
         sizes = deviations(scene, found.variables, ERRORS)
         expected = Scatter(
             gaps(found.result.centreline, target), gap_derivatives(found, target) @ sizes
@@ -90,8 +87,7 @@ def main(samples: str = "300") -> int:
         seconds = time.perf_counter() - begun
         rng = np.random.default_rng([7, len(rows)])
         shapes = [
-            gaps(run(made_with_errors(scene, found.variables, sizes, rng)).centreline, target)
-            for _ in range(int(samples))
+            gaps(run(made_with_errors(scene, rng)).centreline, target) for _ in range(int(samples))
         ]
         values = np.array([root_mean_square(g) for g in shapes])
         apart = np.array([np.mean(np.sum((g - expected.gaps) ** 2, axis=1)) for g in shapes])

@@ -10,16 +10,23 @@ from rod_solve import STUDY, RodSensitivities, solve, write_study
 
 from magmpm.errors import InputError
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.addresses import written
 from magmpm.scene.variables import variables
 from magmpm.studies.engine.loop import run_study
-from magmpm.studies.evaluate.trial import Scatter, deviations, kinds
+from magmpm.studies.evaluate.trial import Scatter, deviations
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study_file import Robust
 from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.knobs import errors_of
 from magmpm.studies.search.search_space import SearchSpace
 
 ERRORS = Robust(direction=math.radians(5), remanence=0.05, shear_modulus=0.04)
 ROBUST = STUDY + "robust: {direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}\n"
+
+
+def named(errors: Robust, scene: Scene) -> list[str]:
+    """Addresses of the numbers that have an error."""
+    return list(dict.fromkeys(written(p) for change in errors_of(errors, scene) for p in change))
 
 
 def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
@@ -85,15 +92,16 @@ def test_far_from_the_target_sigma_is_that_of_the_gradient() -> None:
 
 def test_each_error_has_its_size(tmp_path: Path) -> None:
     scene = load_scene(write_study(tmp_path).parent / "scene.yaml")
-    found = variables(scene, kinds(ERRORS, scene))
+    found = variables(scene, named(ERRORS, scene))
     changes = deviations(scene, found, ERRORS)
-    assert np.count_nonzero(changes, axis=0).tolist() == [1] * changes.shape[1]
+    assert changes.shape == (3 * 5 + 2, 2 * 5 + 2)
+    tilts = changes[:3, :2]
+    np.testing.assert_allclose(tilts.T @ tilts, math.radians(5) ** 2 * np.eye(2), atol=1e-18)
+    np.testing.assert_allclose(scene.regions()[0].magnetization @ tilts, 0.0, atol=1e-18)
     sizes = dict(zip((v.name for v in found), changes.sum(axis=1), strict=True))
-    assert len(sizes) == 2 * 5 + 2
-    assert sizes["segment_1_azimuth"] == sizes["segment_1_elevation"] == math.radians(5)
-    assert sizes["remanence_magnetic"] == pytest.approx(0.05 * 0.138)
-    assert sizes["shear_modulus_magnetic"] == pytest.approx(0.04 * 120e3)
-    assert kinds(Robust(remanence=0.1), scene) == ["remanence"]
+    assert sizes["materials.magnetic.remanence"] == pytest.approx(0.05 * 0.138)
+    assert sizes["materials.magnetic.shear_modulus"] == pytest.approx(0.04 * 120e3)
+    assert named(Robust(remanence=0.1), scene) == ["materials.magnetic.remanence"]
 
 
 def test_scatter_of_the_rod_is_that_of_rods_made_with_errors(tmp_path: Path) -> None:
@@ -101,7 +109,7 @@ def test_scatter_of_the_rod_is_that_of_rods_made_with_errors(tmp_path: Path) -> 
     study = load_study(write_study(tmp_path))
     scene = study.scene
     rng = np.random.default_rng(3)
-    found = differentiate(scene, kinds(ERRORS, scene))
+    found = differentiate(scene, named(ERRORS, scene))
     sizes = deviations(scene, found.variables, ERRORS)
     expected = Scatter(
         gaps(found.result.centreline, study.target), gap_derivatives(found, study.target) @ sizes
@@ -152,7 +160,7 @@ ADDRESSES = """{numbers: [
 def scatter_of(folder: Path, robust: str) -> Scatter:
     study = load_study(write_study(folder, STUDY + f"robust: {robust}\n"))
     assert study.robust is not None
-    found = differentiate(study.scene, kinds(study.robust, study.scene))
+    found = differentiate(study.scene, named(study.robust, study.scene))
     changes = deviations(study.scene, found.variables, study.robust)
     apart = gaps(found.result.centreline, study.target)
     return Scatter(apart, gap_derivatives(found, study.target) @ changes)
@@ -186,12 +194,11 @@ def test_a_number_that_varies_and_errs_counts_once(tmp_path: Path) -> None:
     )
     space = SearchSpace.of(study)
     x = np.array([0.4])
-    both = variables(space.scene_at(x), [*space.sensitivities, "remanence"])
-    assert len(both) == 2
-    once = space.chain(both[:1], x)
-    np.testing.assert_array_equal(space.chain(both, x).sum(axis=0), once[0])
+    scene = space.scene_at(x)
     assert study.robust is not None
-    assert deviations(space.scene_at(x), both, study.robust).shape[1] == 1
+    found = variables(scene, [*space.sensitivities, *named(study.robust, scene)])
+    assert len(found) == 1
+    assert deviations(scene, found, study.robust).shape == (1, 1)
 
 
 @pytest.mark.parametrize(

@@ -378,12 +378,15 @@ class Number(Block):
         Greatest value.
     log : bool
         Whether the coordinate is the place of the number's logarithm.
+    whole : bool
+        Whether it is an integer, the nearest to what its coordinate says.
     """
 
     name: str
     low: float
     high: float
     log: bool = False
+    whole: bool = False
     size = 1
     freedom = 1
 
@@ -391,8 +394,10 @@ class Number(Block):
         return {self.name: (self.low, self.high)}
 
     def distributions(self) -> dict[str, BaseDistribution]:
-        from optuna.distributions import FloatDistribution
+        from optuna.distributions import FloatDistribution, IntDistribution
 
+        if self.whole:
+            return {self.name: IntDistribution(int(self.low), int(self.high), log=self.log)}
         return {self.name: FloatDistribution(self.low, self.high, log=self.log)}
 
     def read(self, params: Mapping[str, Any]) -> Array:
@@ -406,7 +411,8 @@ class Number(Block):
         value = self.low + place * (self.high - self.low)
         if self.log:
             value = self.low * (self.high / self.low) ** place
-        return {self.name: min(max(value, self.low), self.high)}
+        value = min(max(value, self.low), self.high)
+        return {self.name: round(value) if self.whole else value}
 
     def nearest(self, x: Array) -> Array:
         return np.clip(x, 0.0, 1.0)
