@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 
 _Kind = TypeVar("_Kind", bound=Block)
 __all__ = ["FIELD", "SearchSpace"]
-STEP = 1e-7  # of a whole one, of differences that cost no run: right to as much
 
 
 @dataclass(frozen=True)
@@ -714,7 +713,8 @@ class SearchSpace:
         basis, _, high = block.tangent(x[at])
         here = knob.vectors(self.coordinates.write(x))
         found = {place: np.zeros((3, block.size)) for place in here}
-        steps = np.diag(np.where(high > STEP, STEP, -STEP))
+        size = 1e-7  # of a whole step: the derivatives are right to as much
+        steps = np.diag(np.where(high > size, size, -size))
         for step, along in zip(steps, np.linalg.pinv(basis), strict=True):
             moved = x.copy()
             moved[at] = block.moved(x[at], step)
@@ -773,7 +773,7 @@ class Segments(Knob):
 
     def arranged(self, scene: Scene, params: Parameters) -> Scene:
         data = scene.to_si()
-        self.space.put_in_order(data, params.get("order"))
+        self.space.put_in_order(data, params)
         return Scene.from_si(data)
 
     def own(self, scene: Scene) -> dict[str, Any]:
