@@ -32,7 +32,7 @@ from magmpm.bodies.grid import (
 from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.wetted_surface import WettedSurface
-from magmpm.compiled.arrays import Array, Index, Mask
+from magmpm.compiled.arrays import Array, Index, Mask, Plain
 from magmpm.effects import acting as effects
 from magmpm.effects.contact_law import own_friction
 from magmpm.effects.hooks import has_hook
@@ -389,7 +389,7 @@ def _acting(scene: Scene, particles: Particles, time: float | None) -> tuple[NDA
     return effects.collect(scene, times=None if time is None else np.array([time]))
 
 
-def _loads(scene: Scene, shape: BodyShape, particles: Particles) -> dict[str, Any]:
+def _loads(scene: Scene, shape: BodyShape, particles: Particles) -> Plain:
     """Remanence and density of particles (n,), on which loads act, as a model has them."""
     materials = [scene.materials[region.material_name] for region in shape.regions()]
     of = particles.segment

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from magmpm.compiled.arrays import Plain
 from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.errors import InputError, SolveError
 from magmpm.results import notices
@@ -431,7 +431,7 @@ def _resolved(scene: Scene, options: RunOptions) -> tuple[Result, Equilibrium | 
             "setup": result.seconds["setup"] + judging,
             "compile": result.seconds["compile"] + compiled,
         }
-    answer: dict[str, Any] = {
+    answer: Plain = {
         "scene_hash": scene.hash(),
         "error_estimate": choice.error,
         "resolution": choice.report,

@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from magmpm.bodies.curves import arc_lengths
+from magmpm.compiled.arrays import Named
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, length, require
 from magmpm.inputs.yaml_document import of_file
@@ -34,11 +35,11 @@ from magmpm.studies.problem.study import Study
 __all__ = ["design", "fit", "influence", "sweep"]
 
 FILES = "files"  # the folder of what a study given as a dict holds
-SceneLike = Scene | Path | str | Mapping[str, Any]
+SceneLike = Scene | Path | str | Named
 
 
 def design(
-    study: Study | Path | str | Mapping[str, Any],
+    study: Study | Path | str | Named,
     *,
     folder: Path | str | None = None,
     trials: int | None = None,
@@ -142,7 +143,7 @@ def design(
     return report
 
 
-def _as_file(study: Mapping[str, Any], folder: Path | str | None) -> tuple[Path, Path]:
+def _as_file(study: Named, folder: Path | str | None) -> tuple[Path, Path]:
     """Write a study given as a dict into a folder of its own in that of its results. Returns the path of its file, and the latter folder.
 
     The folder's name is of what it holds, so that another study never takes its place. Raises InputError.
@@ -220,7 +221,7 @@ def _for_goal(
     trials: int | None,
     sampler: str | None,
     progress: bool | None,
-    more: Mapping[str, Any],
+    more: Named,
 ) -> GoalReport:
     """`design` of a study with a goal. Raises TypeError for options that it has not."""
     from magmpm.studies.goals.search import search

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from magmpm.compiled.arrays import Named
 from magmpm.viz import style
 from magmpm.viz.plots import LOOK, saved
 
@@ -28,7 +28,7 @@ _COLORS = (
 _MARKS = "osD^vPX<>"
 
 
-def fitted(shown: Mapping[str, Any], path: str | Path, title: str = "") -> Path:
+def fitted(shown: Named, path: str | Path, title: str = "") -> Path:
     """Measured points and the fitted scene's, over field, arc length or time, or in a plane; below, residuals in standard errors.
 
     shown: panels, one for each table: series, a mapping of names to x, measured and fitted (lists; fitted_x where those are at other x),
@@ -54,7 +54,7 @@ def fitted(shown: Mapping[str, Any], path: str | Path, title: str = "") -> Path:
         return saved(figure, path)
 
 
-def _points(axes: Axes, shown: Mapping[str, Any]) -> None:
+def _points(axes: Axes, shown: Named) -> None:
     for k, (name, one) in enumerate(shown["series"].items()):
         color = _COLORS[k % len(_COLORS)]
         mark = _MARKS[k % len(_MARKS)]
@@ -91,7 +91,7 @@ def _points(axes: Axes, shown: Mapping[str, Any]) -> None:
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def _residuals(axes: Axes, shown: Mapping[str, Any], x_label: str) -> None:
+def _residuals(axes: Axes, shown: Named, x_label: str) -> None:
     sizes = np.array(shown["residuals"])
     axes.axhspan(-1.96, 1.96, color="#EEEEEE", linewidth=0, zorder=0)
     axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.8, zorder=1)

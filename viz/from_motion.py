@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Named
 from magmpm.errors import PAIR, MagmpmError, RenderError
 from magmpm.fields.magnets import frame_of
 from magmpm.scene import Scene
@@ -22,7 +23,7 @@ DONE = {
 }  # what a body did where a branch of equilibria ended
 
 
-def scene_of(data: Mapping[str, Any] | None) -> Scene | None:
+def scene_of(data: Named | None) -> Scene | None:
     """The scene saved with a result (Scene.to_si), or None where none was. Raises RenderError."""
     if not data:
         return None

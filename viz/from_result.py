@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.bodies.curves import face_normals
+from magmpm.compiled.arrays import Named
 from magmpm.fields.schedule import end_time
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
@@ -86,7 +86,7 @@ def _one_frame(result: Any) -> _OneFrame:
     )
 
 
-def _row(time: float, contact: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _row(time: float, contact: Named) -> dict[str, np.ndarray]:
     """A contact of a result as columns (1,) of contacts.csv."""
     known = {"F": contact["force"], "p": contact.get("point", (np.nan,) * 3)}
     columns = {

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -12,12 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from magmpm.compiled.arrays import Named
 from magmpm.errors import shown_unit, significant
 from magmpm.viz import style
 from magmpm.viz.plots import LOOK, saved
 
 
-def progress(report: Mapping[str, Any], path: str | Path) -> Path:
+def progress(report: Named, path: str | Path) -> Path:
     """Values of each trial (a goal's report), and the best so far among those that keep the constraints; a panel for each goal."""
     goals = report["goals"]
     keeps = np.array(report["feasible"], bool)
@@ -87,7 +87,7 @@ def _panel(
             )
 
 
-def front(report: Mapping[str, Any], path: str | Path) -> Path:
+def front(report: Named, path: str | Path) -> Path:
     """The first two goals of every trial, and the front of those that no other is better than."""
     labels, factors = zip(*(shown_unit(goal) for goal in report["goals"][:2]), strict=True)
     scale = np.array(factors)
@@ -115,7 +115,7 @@ def front(report: Mapping[str, Any], path: str | Path) -> Path:
 
 
 def sweep(
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[Named],
     varied: Sequence[str],
     path: str | Path,
     numbers: Sequence[float],
@@ -154,9 +154,7 @@ def sweep(
         return saved(figure, path)
 
 
-def _that_change(
-    rows: Sequence[Mapping[str, Any]], varied: Sequence[str], least: float = 1e-6
-) -> list[str]:
+def _that_change(rows: Sequence[Named], varied: Sequence[str], least: float = 1e-6) -> list[str]:
     """Measures of a sweep's rows that change by more than `least` of the largest value in their unit: below is what the solver leaves."""
     found: dict[str, list[float]] = {}
     for row in rows:

@@ -5,13 +5,14 @@ An insertion is drawn from the axes of its depths, which trials store, not from 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from magmpm.bodies.curves import linear
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
 from magmpm.viz.from_result import segment_arrows
@@ -26,15 +27,15 @@ class InsertionPictures:
     """Data that all pictures of one insertion share. scene: plain SI data of the whole catheter; path (m, 4) m: rows [s, x, y, z]."""
 
     name: str
-    scene: Mapping[str, Any]
+    scene: Named
     path: np.ndarray
 
     @property
-    def catheter(self) -> Mapping[str, Any]:
-        catheter: Mapping[str, Any] = self.scene["body"]["catheter"]
+    def catheter(self) -> Named:
+        catheter: Named = self.scene["body"]["catheter"]
         return catheter
 
-    def body(self, frame: Mapping[str, Any], shift: np.ndarray) -> TriangleSurface:
+    def body(self, frame: Named, shift: np.ndarray) -> TriangleSurface:
         """The part outside the guide; its parts are the catheter's segments."""
         count = 80  # points of an axis as it is drawn
         axis = np.array(frame["axis_m"]) + shift
@@ -73,9 +74,7 @@ class InsertionPictures:
             np.searchsorted(ends, np.asarray(s) + total - depth), len(ends) - 1
         )
 
-    def snapshot(
-        self, frames: Sequence[Mapping[str, Any]], *, lumen: bool, **caption: Any
-    ) -> Snapshot:
+    def snapshot(self, frames: Sequence[Named], *, lumen: bool, **caption: Any) -> Snapshot:
         """The bodies of these depths side by side along y, each over its path and, if there are several, next to its field."""
         diameter = float(self.catheter["diameter"])
         several = len(frames) > 1
@@ -126,9 +125,7 @@ class InsertionPictures:
             **caption,
         )
 
-    def _fields(
-        self, frames: Sequence[Mapping[str, Any]], shifts: Sequence[np.ndarray]
-    ) -> dict[str, Any]:
+    def _fields(self, frames: Sequence[Named], shifts: Sequence[np.ndarray]) -> Plain:
         """An arrow of each depth's field behind its guide, as long as it is strong, with depth and strength in words below it."""
         fields = np.array([frame["field_T"] for frame in frames], dtype=float)
         strength = np.linalg.norm(fields, axis=1)
@@ -155,7 +152,7 @@ class InsertionPictures:
         )  # no walls are named: a little wider than the body
         return DrawnSolid("lumen", tube.points, tube.triangles, style.WALL, hollow=True)
 
-    def trial(self, frames: Sequence[Mapping[str, Any]], *, trial: int, rms: float) -> Snapshot:
+    def trial(self, frames: Sequence[Named], *, trial: int, rms: float) -> Snapshot:
         """A trial: bodies at several depths."""
         some = np.unique(
             np.linspace(0, len(frames) - 1, 5).round().astype(int)[1:]
@@ -164,7 +161,7 @@ class InsertionPictures:
             [frames[k] for k in some], lumen=False, title=self.name, trial=trial, rms=rms
         )
 
-    def moment(self, frame: Mapping[str, Any]) -> Snapshot:
+    def moment(self, frame: Named) -> Snapshot:
         """One depth in its lumen, with depth and deviation in words."""
         words = (
             f"{1e3 * frame['depth_m']:.1f} mm inserted   deviation {1e3 * frame['rms_m']:.2f} mm"

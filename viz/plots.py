@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
+from magmpm.compiled.arrays import Named
 from magmpm.errors import PAIR
 from magmpm.results.whole_file import whole_file
 from magmpm.viz import style
@@ -117,7 +118,7 @@ QUANTITIES = {
 }
 
 
-def pareto(report: Mapping[str, Any], path: str | Path) -> Path:
+def pareto(report: Named, path: str | Path) -> Path:
     """The two objectives of every trial of a study, with the front of those that no other is better than.
 
     report: of the study, with `objectives`, `values` (SI, None for a failed trial), `pareto` and `compromise`. The trial nearest to the
@@ -212,7 +213,7 @@ def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
 
 
 def accuracy(
-    table: Sequence[Mapping[str, Any]],
+    table: Sequence[Named],
     path: str | Path,
     title: str = "",
     reference_name: str = "reference",
@@ -277,12 +278,12 @@ def accuracy(
         return saved(figure, path)
 
 
-def _known(rows: Sequence[Mapping[str, Any]], key: str) -> list[Mapping[str, Any]]:
+def _known(rows: Sequence[Named], key: str) -> list[Named]:
     """Rows that have a positive value of this key."""
     return [row for row in rows if row.get(key) is not None and float(row[key]) > 0]
 
 
-def _label_cells(axes: Axes, rows: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> None:
+def _label_cells(axes: Axes, rows: Sequence[Named], keys: Sequence[str]) -> None:
     """Label each row, above its upper point, with the number of cells across the body."""
     near: Any = {"xytext": (5, 5), "textcoords": "offset points", "fontsize": 8, "color": style.INK}
     for row in rows:
@@ -298,7 +299,7 @@ def _label_cells(axes: Axes, rows: Sequence[Mapping[str, Any]], keys: Sequence[s
     )
 
 
-def _slope_triangle(axes: Axes, known: Sequence[Mapping[str, Any]], key: str, slope: float) -> None:
+def _slope_triangle(axes: Axes, known: Sequence[Named], key: str, slope: float) -> None:
     """A triangle below a series, with the slope that is its order of convergence."""
     size = np.array([1e3 * float(row["cell_size"]) for row in known])
     error = np.array([100.0 * float(row[key]) for row in known])

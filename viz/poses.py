@@ -5,12 +5,12 @@ A schedule is drawn from the axes that its trials store, not from particles: eac
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from magmpm.bodies.curves import linear
+from magmpm.compiled.arrays import Named
 from magmpm.scene import Scene
 from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
@@ -22,8 +22,8 @@ from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
 def poses_snapshot(
     name: str,
-    scene: Mapping[str, Any],
-    poses: Sequence[Mapping[str, Any]],
+    scene: Named,
+    poses: Sequence[Named],
     *,
     trial: int,
     rms: float,
@@ -73,7 +73,7 @@ def poses_snapshot(
     )
 
 
-def _shifts(poses: Sequence[Mapping[str, Any]], length: float, width: float) -> list[np.ndarray]:
+def _shifts(poses: Sequence[Named], length: float, width: float) -> list[np.ndarray]:
     """Shifts (3,) m along y that bring the poses of a body of this width (m) next to each other, the first one at y = 0 or below."""
     gap_between_bodies = 0.2  # between two bodies, of the length
     shifts = []
@@ -153,7 +153,7 @@ def _clamps(scene: Scene, shifts: Sequence[np.ndarray]) -> tuple[DrawnSolid, ...
 
 
 def _fields(
-    poses: Sequence[Mapping[str, Any]], shifts: Sequence[np.ndarray], length: float
+    poses: Sequence[Named], shifts: Sequence[np.ndarray], length: float
 ) -> tuple[np.ndarray, tuple[tuple[str, np.ndarray], ...]]:
     """An arrow of each time's field behind the base, as long as it is strong, and below it time and strength in words."""
     longest_field_of_pose = 0.15  # the longest arrow of a time's field, of the length

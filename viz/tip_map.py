@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Plain
 from magmpm.viz import style
 
 SHOWN = {  # marks of fields that are not sure: symbol, color
@@ -90,7 +91,7 @@ def _side(place: Any, found: MappedTips, pair: tuple[int, int]) -> Any:
             *tips[of][:, pair].T, marker=symbol, s=20, linewidths=0.7, **_face(symbol, color)
         )
     body = np.array([[0.0, 0.0, 0.0], [1e3 * found.length, 0.0, 0.0]])
-    look: dict[str, Any] = {"lw": 2.5} if first == 0 else {"lw": 0, "marker": "o", "ms": 4}
+    look: Plain = {"lw": 2.5} if first == 0 else {"lw": 0, "marker": "o", "ms": 4}
     place.plot(*body[:, pair].T, color=style.HELD, zorder=1, label="straight", **look)
     place.set(
         xlabel=f"{'xyz'[first]} of the tip, mm",
@@ -163,7 +164,7 @@ def _marks(chart: Any, x: np.ndarray, y: np.ndarray, marks: np.ndarray, size: fl
         chart.scatter(x[of], y[of], marker=symbol, s=size, linewidths=0.9, **_face(symbol, color))
 
 
-def _face(symbol: str, color: str) -> dict[str, Any]:
+def _face(symbol: str, color: str) -> Plain:
     """Open symbols, through which the color of the strength is seen; a cross has no inside."""
     return {"color": color} if symbol == "x" else {"facecolors": "none", "edgecolors": color}
 

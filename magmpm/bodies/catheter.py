@@ -1,8 +1,7 @@
 """A catheter: a straight round rod or tube."""
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -21,7 +20,7 @@ from magmpm.bodies.section_quadrature import (
 )
 from magmpm.bodies.segments import MAX_SEGMENTS, Section, Segment, StraightBody, ring
 from magmpm.bodies.wetted_surface import WettedSurface, wetted_rod
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named
 from magmpm.inputs.messages import Instead
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Length, Quantity, Width, fault
@@ -113,7 +112,7 @@ class Catheter(StraightBody):
         return inner
 
     @staticmethod
-    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+    def by_other_keys(key: str, values: Named) -> Instead | None:
         """Return what to write for a key that people write and that is said by another one here, with its number: a tube's wall."""
         if key not in ("wall", "wall_thickness"):
             return None

@@ -7,10 +7,10 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from magmpm.errors import InputError, count
 from magmpm.results.folder_lock import folder_lock
 
 if TYPE_CHECKING:
+    from magmpm.compiled.arrays import Named, Plain
     from magmpm.results.result import Result
     from magmpm.studies.engine.report import StudyReport
     from magmpm.studies.evaluate.trial import Trial
@@ -149,7 +150,7 @@ class TrialPicture:
         self._smooth = smooth
         self._renderer = renderer
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> Plain:
         return {**self.__dict__, "_renderer": None}
 
     def __call__(self, result: Result, path: Path, trial: Trial) -> list[Path]:
@@ -176,7 +177,7 @@ class TrialPicture:
             return self._renderer.render(shown, path)
         from magmpm.viz.from_result import trial_snapshot
 
-        kept: dict[str, Any] = {
+        kept: Plain = {
             "trial": trial.number,
             "rms": trial.rms_m,
             "title": self._study.name,
@@ -273,12 +274,12 @@ def render_study(
         )
 
 
-def saved_report(folder: Path) -> dict[str, Any]:
+def saved_report(folder: Path) -> Plain:
     """Read the report that a study saved in its folder. Raises InputError."""
     from magmpm.studies.problem import REPORT
 
     try:
-        report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        report: Plain = json.loads((folder / REPORT).read_text(encoding="utf-8"))
         for key, kind in (
             ("rms_m", list),
             ("storage", str),
@@ -311,7 +312,7 @@ def saved_target(folder: Path) -> np.ndarray | None:
 
 def draw_study(
     folder: Path,
-    report: dict[str, Any],
+    report: Plain,
     target: np.ndarray | None,
     renderer: Renderer,
     out: Path | None = None,
@@ -344,7 +345,7 @@ def draw_study(
             if result.scene is None
             else _design_snapshot(report["name"], result.scene, target, known)
         )
-        kept: dict[str, Any] = {
+        kept: Plain = {
             "trial": known["number"],
             "rms": known["rms_m"],
             "title": report["name"],
@@ -382,7 +383,7 @@ def draw_study(
 
 
 def _design_snapshot(
-    name: str, scene: Mapping[str, Any], path: np.ndarray | None, known: Mapping[str, Any]
+    name: str, scene: Named, path: np.ndarray | None, known: Named
 ) -> Snapshot | None:
     """The picture of a design's insertion or schedule, from what is stored of it; None where it is one equilibrium.
 
@@ -398,9 +399,9 @@ def _design_snapshot(
 
 def several_snapshot(
     name: str,
-    scene: Mapping[str, Any],
+    scene: Named,
     path: np.ndarray,
-    shapes: tuple[Mapping[str, Any], ...],
+    shapes: tuple[Named, ...],
     trial: int,
     rms: float,
 ) -> Snapshot:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.cli.answers import folder_of_results, print_summary
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError
 
 REPORT = "fit.json"
@@ -75,7 +76,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _saved(
-    folder: Path, found: Any, held: Any, numbers: dict[str, Any], source: Path, kind: str
+    folder: Path, found: Any, held: Any, numbers: Plain, source: Path, kind: str
 ) -> list[Path]:
     """The report, the residuals, those of what was held out, the fitted scene and the picture."""
     from magmpm.results.whole_file import whole_file, write_json
@@ -98,7 +99,7 @@ def _list(text: str | None) -> list[str] | None:
     return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
 
 
-def _numbers(options: argparse.Namespace) -> dict[str, Any]:
+def _numbers(options: argparse.Namespace) -> Plain:
     """Noise, what is known, and the level, from what was typed. Raises InputError."""
     if not 50 <= options.level < 100:
         raise InputError(

@@ -14,6 +14,7 @@ from typing import Any
 
 from magmpm.cli.answers import Progress, end_as_by_ctrl_c
 from magmpm.cli.draw import draw_run
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError
 from magmpm.inputs.yaml_document import read_value
 from magmpm.results.file_names import ENERGIES_PLOT, MOMENTS, MOVIE, PICTURE
@@ -63,7 +64,7 @@ def design_for_goal(options: argparse.Namespace) -> int:
     return 0 if report.best is not None else 3
 
 
-def saved_goal(folder: Path) -> dict[str, Any] | None:
+def saved_goal(folder: Path) -> Plain | None:
     """Report of a search for a goal that a folder holds, None where it holds none. Raises InputError where it can't be read."""
     from magmpm.studies.goals.report import REPORT, GoalReport
 
@@ -96,7 +97,7 @@ def draw_goal(folder: Path, out: Path, kind: str = "png", style: str | None = No
     return files
 
 
-def page_of_goal(folder: Path, report: dict[str, Any]) -> str:
+def page_of_goal(folder: Path, report: Plain) -> str:
     """The page of a search for a goal, with its pictures."""
     from magmpm.studies.goals.report import FRONT, PROGRESS
     from magmpm.viz.sheet import goal_page
@@ -115,7 +116,7 @@ def page_of_goal(folder: Path, report: dict[str, Any]) -> str:
         return goal_page(report, _facts(folder, report), pictures)
 
 
-def _facts(folder: Path, report: dict[str, Any]) -> dict[str, Any]:
+def _facts(folder: Path, report: Plain) -> Plain:
     """Facts of a search's best design that its report has not: how to go on, the scene's file, and its directions of magnetization."""
     from magmpm.scene import load_scene
 
@@ -178,7 +179,7 @@ def sweep(options: argparse.Namespace) -> int:
     return 0
 
 
-def _keep(rows: list[dict[str, Any]], varied: list[str], out: Path) -> None:
+def _keep(rows: list[Plain], varied: list[str], out: Path) -> None:
     """Write the rows as sweep.csv, and of one or two varied numbers a plot, sweep.png."""
     from magmpm.results.whole_file import whole_file
     from magmpm.viz.goal_plots import sweep as plot
@@ -234,7 +235,7 @@ def _measure(text: str) -> Any:
         ) from None
 
 
-def _words(row: dict[str, Any]) -> str:
+def _words(row: Plain) -> str:
     return ", ".join(f"{key} {_shown(value)}" for key, value in row.items())
 
 

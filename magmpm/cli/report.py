@@ -6,9 +6,8 @@ import argparse
 import os
 import sys
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from magmpm.cli.answers import is_study, print_summary
 from magmpm.cli.design import draw_study, saved_report, saved_target
@@ -19,6 +18,7 @@ from magmpm.results.run_folder import holds_run
 from magmpm.results.whole_file import whole_file
 
 if TYPE_CHECKING:
+    from magmpm.compiled.arrays import Named, Plain
     from magmpm.viz.sheet import Pictures
 
 PAGE = "report.html"
@@ -74,7 +74,7 @@ def command(options: argparse.Namespace) -> int:
     return _told(options, made)
 
 
-def _told(options: argparse.Namespace, made: dict[str, Any]) -> int:
+def _told(options: argparse.Namespace, made: Plain) -> int:
     """Say what was made. Returns the exit status."""
     for note in made["notes"]:
         print(f"magmpm: note: {note}", file=sys.stderr)
@@ -85,14 +85,14 @@ def _told(options: argparse.Namespace, made: dict[str, Any]) -> int:
 
 def write(
     folder: Path,
-    report: Mapping[str, Any],
+    report: Named,
     out: Path,
     *,
     storage: str | None,
     quick: bool,
     motion: bool,
     pdf: bool,
-) -> dict[str, Any]:
+) -> Plain:
     """Gather, draw, write OUT/report.html and, where it can, OUT/report.pdf: `html`, `pdf` (or None), `notes`, `best`, `motion`."""
     from magmpm.simulate import run, sensitivities
     from magmpm.studies.sheet import gather
@@ -114,13 +114,13 @@ def write(
     return {**made, "best": report.get("best"), "motion": facts.get("motion", [])}
 
 
-def saved_page(text: str, out: Path, *, pdf: bool) -> dict[str, Any]:
+def saved_page(text: str, out: Path, *, pdf: bool) -> Plain:
     """Write a page as HTML, and as PDF where there is a printer: `html`, `pdf` (or None), `notes`."""
     from magmpm.viz.sheet import PrintError, printed
 
     with whole_file(out / PAGE) as part:
         part.write_text(text, encoding="utf-8")
-    made: dict[str, Any] = {"html": str(out / PAGE), "pdf": None, "notes": []}
+    made: Plain = {"html": str(out / PAGE), "pdf": None, "notes": []}
     if pdf:
         try:
             printed(text, out / PDF)
@@ -130,9 +130,7 @@ def saved_page(text: str, out: Path, *, pdf: bool) -> dict[str, Any]:
     return made
 
 
-def _pictures(
-    folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mapping[str, Any]
-) -> Pictures:
+def _pictures(folder: Path, report: Named, drawn: Path, facts: Named) -> Pictures:
     """The study's pictures; drawn now where it was run without them."""
     from magmpm.studies.engine.records import IMPROVEMENTS, PICTURES
     from magmpm.viz.sheet import Pictures

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.cli.page_server import Routes
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.errors import InputError, MagmpmError, lengths
 from magmpm.results.file_names import MOTION
 from magmpm.results.result import Result
@@ -65,7 +66,7 @@ class ShapeView:
             "save": self.save,
         }
 
-    def about(self, _: Any) -> Mapping[str, Any]:
+    def about(self, _: Any) -> Named:
         """The scene and its sliders."""
         return {
             "kind": "shape",
@@ -110,7 +111,7 @@ class ShapeView:
             {**about, "warnings": solved.result.warnings},
         )
 
-    def save(self, request: Any) -> Mapping[str, Any]:
+    def save(self, request: Any) -> Named:
         """Write the scene as it is shown. Raises InputError."""
         values = self._values(request)
         shown = changed(self.scene, self.controls, values)
@@ -145,14 +146,12 @@ class ShapeView:
     def _words(self, state: str, words: str) -> bytes:
         return packed({"state": state, "words": words}, {})
 
-    def _drawn(
-        self, scene: Scene, shape: DeformedShape, request: Any, about: dict[str, Any]
-    ) -> bytes:
+    def _drawn(self, scene: Scene, shape: DeformedShape, request: Any, about: Plain) -> bytes:
         with self._drawing:
             return self._stage.message(scene, shape, str(request.get("surface", "")), about)
 
 
-def _numbers(result: Result, rms: float | None) -> list[dict[str, Any]]:
+def _numbers(result: Result, rms: float | None) -> list[Plain]:
     """Numbers shown next to the shape: label, text, and whether it is cause for alarm."""
     rows: list[tuple[str, str, bool]] = (
         [] if result.tip is None else [("tip", lengths(result.tip), False)]
@@ -210,7 +209,7 @@ class MotionView:
         """Requests that the page may send, and the functions that answer them."""
         return {"about": self.about, "progress": self.progress, "frame": self.frame}
 
-    def about(self, _: Any) -> Mapping[str, Any]:
+    def about(self, _: Any) -> Named:
         """The scene, and how it is solved."""
         kind = "equilibria along time" if self.scene.static else "motion"
         effects = list(self.scene.effects.named())
@@ -222,7 +221,7 @@ class MotionView:
             **about_scene(self.scene, None, ""),
         }
 
-    def progress(self, _: Any) -> Mapping[str, Any]:
+    def progress(self, _: Any) -> Named:
         """The frames there are: times (s), energies (J), the tip's path (m), and their box; whether the run goes on, or why it failed."""
         running, failure = self._state()
         with self._reading:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Plain
 from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_force import NORMAL
@@ -150,7 +150,7 @@ class BodyContact(SurfacePairs):
             else np.zeros((0, 3))
         )
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Plain:
         """State that `restore` needs."""
         now = self.meeting
         changed = {
@@ -160,7 +160,7 @@ class BodyContact(SurfacePairs):
         }
         return {"pair_point": now.point, "pair_solid": now.solid, **changed}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Plain) -> None:
         """Go back to a `state`."""
         self._then = state["pair_then"]
         self.meeting = self._of(

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.errors import InputError
 from magmpm.results.file_names import CHECKPOINT
 from magmpm.results.whole_file import whole_file
@@ -49,7 +48,7 @@ class Checkpoint:
     formulation: str
     frame: int
     steps: int
-    control: dict[str, Any]
+    control: Plain
     state: dict[str, Array]
 
     def save(self, folder: Path | str) -> Path:

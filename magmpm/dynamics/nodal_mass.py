@@ -18,11 +18,10 @@ Fed bodies keep the lumped mass: their guide holds nodes that change in time.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Index, Mask
+from magmpm.compiled.arrays import Array, Index, Mask, Plain
 from magmpm.kernels.mass_correction import FIELDS, KNOTS_APART, Correction
 from magmpm.model import Model
 
@@ -152,7 +151,7 @@ def nodal_mass(
     )
 
 
-def _of_chains(chains: list[Chain], knots: list[int]) -> dict[str, Any]:
+def _of_chains(chains: list[Chain], knots: list[int]) -> Plain:
     """The arrays of a Correction that hold its chains, by name."""
     factors = (
         [

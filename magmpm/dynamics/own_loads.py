@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.effects import acting
 from magmpm.effects.base import Records
 from magmpm.model import Model
@@ -70,7 +70,7 @@ class OwnLoads:
             {} if self._start is None else {"own_start": self._start}
         )
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Plain) -> None:
         """Go back to a `state`."""
         self.added = state.get("own_added", 0.0)
         self.scale = state.get("own_scale", 0.0)
@@ -78,11 +78,11 @@ class OwnLoads:
         self._start = state.get("own_start")
         self.begin()
 
-    def kept(self) -> dict[str, Any]:
+    def kept(self) -> Plain:
         """All that `rewind` needs within the same process; nothing in it is changed later."""
         return dict(vars(self))
 
-    def rewind(self, kept: dict[str, Any]) -> None:
+    def rewind(self, kept: Plain) -> None:
         """Go back to what `kept` returned."""
         vars(self).update(kept)
 

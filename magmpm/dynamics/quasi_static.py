@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Plain
 from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.dynamics import energies
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
@@ -46,8 +47,8 @@ class PathState:
     branch: EquilibriumPath | None = None  # None: all of the body is in its guide
     frame: int = 0
     iterations: int = 0
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    jumps: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[Plain] = field(default_factory=list)
+    jumps: list[Plain] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     strain: Strain = field(default_factory=Strain)
     load_share: float = 1.0
@@ -120,7 +121,7 @@ def _unbegun(state: PathState, last: object) -> PathState | None:
     return state
 
 
-def _options(scene: Scene) -> dict[str, Any]:
+def _options(scene: Scene) -> Plain:
     return {"tolerance": scene.solver.static.tolerance, "max_steps": scene.solver.static.max_steps}
 
 
@@ -244,11 +245,11 @@ def follow(
     return state
 
 
-def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
+def _note(state: PathState, jumps: list[Jump]) -> list[Plain]:
     """Add the last equilibrium and the jumps before it. Returns the jumps as results have them, with the field and length then."""
     shape = state.shape
     branch = state.branch
-    described = list[dict[str, Any]]()
+    described = list[Plain]()
     for jump in jumps:
         field = shape.model.field_at(shape.position, jump.time)
         out = state.loads.inserted(jump.time)

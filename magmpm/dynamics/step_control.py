@@ -37,11 +37,10 @@ A step given in the scene never changes. Where it is too long, the motion ends w
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.dynamics.energies import loads_conserve, loses, measure, volume_change
 from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion, take
 from magmpm.dynamics.watchdog import Trouble
@@ -316,7 +315,7 @@ class StepControl:
             self._drift = Drift(loses(motion.model))
         self._set_watch()
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Plain:
         """Plain numbers and text that `restore` needs."""
         drift = (
             {}
@@ -333,7 +332,7 @@ class StepControl:
             "why": self.why,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Plain) -> None:
         """Go back to a `state`."""
         self._bound = state["bound"]
         self._viscous = state.get("viscous", self._viscous)

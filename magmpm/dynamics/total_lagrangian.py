@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from magmpm.bodies.grid import each_node
-from magmpm.compiled.arrays import Array, Mask
+from magmpm.compiled.arrays import Array, Mask, Plain
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
@@ -265,12 +265,12 @@ class TotalMotion:
         total_lagrangian_step.at_particles(p.cells, p.particles, p.particle, u, v, rest, out)
         return out
 
-    def kept(self) -> dict[str, Any]:
+    def kept(self) -> Plain:
         """State that `rewind` needs within the same process."""
         own = None if self.own is None else self.own.kept()
         return {**self.state(), "stiffness": self.stiffness.copy(), "last": self._last, "own": own}
 
-    def rewind(self, kept: dict[str, Any]) -> None:
+    def rewind(self, kept: Plain) -> None:
         """Go back to the state that `kept` returned."""
         self.restore(kept)
         self.stiffness[:], self._last = kept["stiffness"], kept["last"]

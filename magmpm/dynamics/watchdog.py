@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.compiled.jit import compiled
 from magmpm.effects.acting import driven_speed
 from magmpm.effects.body_reach import FARTHEST_MOVE
@@ -157,7 +156,7 @@ class EnergyBalance:
         return {"balance_least": self.least, "balance_kinetic": self.kinetic}
 
     @classmethod
-    def restored(cls, state: dict[str, Any]) -> EnergyBalance:
+    def restored(cls, state: Plain) -> EnergyBalance:
         """Balance restored from the values of a checkpoint; an older checkpoint has none, and the balance begins there."""
         return cls(state.get("balance_least", np.inf), state.get("balance_kinetic", 0.0))
 

@@ -5,7 +5,6 @@ To add an effect: one file (docs/adding_an_effect.md has a worked example), and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from typing import Any, ClassVar, Literal, get_args
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.effects.base import (
     PHASES,
     BodyChange,
@@ -202,7 +201,7 @@ _INSTEAD = {  # words by which people ask for an effect: what there is
 }
 
 
-def _key(description: str, example: dict[str, Any]) -> Any:
+def _key(description: str, example: Plain) -> Any:
     """A key of `Effects`: what editors show of it, and settings with which it can be tried."""
     return Field(default=None, description=description, examples=[example])
 
@@ -268,7 +267,7 @@ class Effects(Settings):
         return self
 
     @staticmethod
-    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+    def by_other_keys(key: str, values: Named) -> Instead | None:
         """Return what there is for an effect that people ask for by another name, or that is not simulated."""
         remedy = _INSTEAD.get(plain_word(key))
         return None if remedy is None else Instead(remedy)

@@ -5,7 +5,6 @@ An effect is one file: its settings (a subclass of `Effect`, which scene files n
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, NotRequired, Protocol, TypedDict
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.body import Body
 from magmpm.bodies.body_shape import Region
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named
 from magmpm.effects.hooks import NO_DATA
 from magmpm.fields.external_field import Field
 from magmpm.fields.sources import FieldSource
@@ -69,7 +68,7 @@ class SceneLike(Protocol):
 
     def external_field(self) -> Field: ...
 
-    def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Any: ...
+    def with_effects(self, **effects: Named | Settings | None) -> Any: ...
 
 
 class Touching(NamedTuple):

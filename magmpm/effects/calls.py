@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numba import carray, types
 
-from magmpm.compiled.arrays import Index
+from magmpm.compiled.arrays import Index, Plain
 from magmpm.compiled.by_address import address, call, floats, numbers
 from magmpm.compiled.cache import c_functions
 from magmpm.compiled.jit import C_OPTIONS, compiled, compiled_elsewhere, inlined, inner
@@ -377,7 +377,7 @@ class Function(NamedTuple):
     module: str
     names: tuple[str, ...]
 
-    def hooks(self) -> dict[str, Any]:
+    def hooks(self) -> Plain:
         """The effect's functions that it calls, by hook. One that says how a hook changes takes the place of the hook."""
         found = hooks_of(self.names, PATTERNS[self.pattern][1])
         return {name: of for name, of in found.items() if f"{name}_change" not in found}

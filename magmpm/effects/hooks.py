@@ -46,6 +46,8 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Plain
+
 HOOKS = (
     "energy",
     "stress",
@@ -92,7 +94,7 @@ def hook_of(hook: str, records: Any) -> Callable[..., Any] | None:
     return _registry[hook].get(records.dtype.names)
 
 
-def hooks_of(names: tuple[str, ...], hooks: Sequence[str]) -> dict[str, Any]:
+def hooks_of(names: tuple[str, ...], hooks: Sequence[str]) -> Plain:
     """Those of some hooks that the effect whose records have these fields has registered."""
     return {hook: _registry[hook][names] for hook in hooks if names in _registry[hook]}
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Mask
+from magmpm.compiled.arrays import Array, Mask, Plain
 from magmpm.errors import require
 from magmpm.fields.dipole import POINT
 from magmpm.fields.schedule import places, sample_times
@@ -164,7 +164,7 @@ def exact(field: FieldSource) -> Any:
     sources = []
     for magnet in field.magnet or ():
         frame = frame_of(magnet.axis)
-        common: dict[str, Any] = {
+        common: Plain = {
             "polarization": frame.T @ polarization(magnet),
             "position": magnet.position,
             "orientation": Rotation.from_matrix(frame),

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.errors import in_mm, show
 from magmpm.fields.spline import LEAST_NODES_OF_SPLINE
 from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_faults, table_lines
@@ -176,7 +176,7 @@ def _axis(path: Path, coordinates: Array, name: str) -> Array:
     return even
 
 
-def read_schedule(path: Path | str) -> list[dict[str, Any]]:
+def read_schedule(path: Path | str) -> list[Plain]:
     """A schedule: one dict a row with `time` s and, where the table has them, `strength`, `uniform` (Bx, By, Bz) T, `move` (x, y, z) m.
 
     Raises TableError naming file, line, value received, rule and remedy.
@@ -205,9 +205,9 @@ def read_schedule(path: Path | str) -> list[dict[str, Any]]:
             "sort the rows, each time once",
             f"{times[at]:g} s after {times[at - 1]:g} s",
         )
-    out: list[dict[str, Any]] = []
+    out: list[Plain] = []
     for row in rows.tolist():
-        frame: dict[str, Any] = {"time": row[names.index("time")]}
+        frame: Plain = {"time": row[names.index("time")]}
         if "strength" in names:
             frame["strength"] = row[names.index("strength")]
         for key, group in groups.items():

@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validat
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import count, in_mm
 from magmpm.fields.measured_map import Map
 from magmpm.fields.over_time import OverTime
@@ -393,7 +394,7 @@ class FieldSource(Settings):
         keys: dict[type, str] = {Dipole: "dipole", Magnet: "magnet", Coil: "coils"}
         if isinstance(sources, Mapping) or not isinstance(sources, Sequence):
             return data
-        made: dict[str, Any] = {}
+        made: Plain = {}
         for one in sources:
             if isinstance(one, UniformField):
                 made["uniform"] = np.add(made.get("uniform", np.zeros(3)), one.uniform).tolist()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.errors import InputError, length, quantity
 from magmpm.results.whole_file import whole_file
 
@@ -20,10 +20,10 @@ MEANING = {
 }
 
 
-def path_row(known: Mapping[str, Any]) -> dict[str, Any]:
+def path_row(known: Named) -> Plain:
     """A row of steps.csv or jumps.csv: the time first, as `t` (s), and vectors in three columns; positions of parts have a table of their
     own."""
-    row: dict[str, Any] = {"t": known["time"]}
+    row: Plain = {"t": known["time"]}
     for name, value in known.items():
         if isinstance(value, list):
             row |= {f"{name}_{axis}": part for axis, part in zip("xyz", value, strict=True)}
@@ -54,7 +54,7 @@ def _columns(rows: list[dict[str, str]]) -> dict[str, Array]:
     }
 
 
-def read_jumps(path: Path) -> list[dict[str, Any]]:
+def read_jumps(path: Path) -> list[Plain]:
     """The rows of jumps.csv: `time` and the others as in the `jumps` of a Result. Raises ValueError where it holds something else."""
     found = []
     for row in read_rows(path):
@@ -63,7 +63,7 @@ def read_jumps(path: Path) -> list[dict[str, Any]]:
     return found
 
 
-def jump_in_words(jump: Mapping[str, Any]) -> str:
+def jump_in_words(jump: Named) -> str:
     """Describe a jump in one line: time, load, kind and distance."""
     load = f"in a field of {quantity(jump['field'], 'T', 4)}"
     if jump.get("inserted") is not None:
@@ -82,7 +82,7 @@ class GrowingTable:
         self.path = path
         self._header: list[str] | None = None
 
-    def add(self, row: Mapping[str, Any]) -> None:
+    def add(self, row: Named) -> None:
         """Append a row; the first one writes the header too. Raises ValueError where its columns differ from those of the rows before."""
         new = not self.path.exists()
         if self._header is None and not new:
@@ -122,7 +122,7 @@ def energy_row(time: float, energies: Mapping[str, float]) -> dict[str, float]:
     return {"t": time, **energies, "total": sum(energies.values())}
 
 
-def contact_row(time: float, effect: str, contact: Mapping[str, Any]) -> dict[str, Any]:
+def contact_row(time: float, effect: str, contact: Named) -> Plain:
     """Row of contacts.csv: t (s), effect, force on the body (N), points touching, deepest penetration (m); where given, slip (m/s),
     mean point p (m) and normal n. contact: effects.base.Contact.
     """
@@ -137,7 +137,7 @@ def contact_row(time: float, effect: str, contact: Mapping[str, Any]) -> dict[st
     return {"t": time, "effect": effect, **force, **plain, **point, **normal}
 
 
-def position_rows(time: float, positions: Mapping[str, Array]) -> Iterator[dict[str, Any]]:
+def position_rows(time: float, positions: Mapping[str, Array]) -> Iterator[Plain]:
     """Rows of positions.csv: t (s), the part's name, and its center x, y, z (m)."""
     for name, place in positions.items():
         yield {"t": time, "part": name, **dict(zip("xyz", place.tolist(), strict=True))}

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.assembly import different_names
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.errors import InputError, count, length, lengths, quantity, report, require
 from magmpm.inputs.user_files import MOST_JSON_BYTES, read_regular
 from magmpm.results import notices
@@ -64,7 +64,7 @@ SOURCES = (
         " magnetic stress)"
     ),
 )  # what a study stands on
-_LATER: dict[str, Any] = {  # what results saved by earlier versions lack
+_LATER: Plain = {  # what results saved by earlier versions lack
     "load_share": 1.0,
     "failure": "",
     "largest_stretch": 1.0,
@@ -259,7 +259,7 @@ class Result:
     """
 
     name: str
-    scene: dict[str, Any]  # Scene.to_si()
+    scene: Plain  # Scene.to_si()
     scene_hash: str
     particle_reference: Array  # (n, 3) m
     particle_position: Array  # (n, 3) m
@@ -302,10 +302,10 @@ class Result:
         ""  # why the run stopped early; then this is not the answer but the last good state
     )
     largest_stretch: float = 1.0  # no unit: of any particle; of a motion in any frame
-    steps: list[dict[str, Any]] = dataclasses.field(
+    steps: list[Plain] = dataclasses.field(
         default_factory=list
     )  # of equilibria along time, one each: see docs/motion.md
-    jumps: list[dict[str, Any]] = dataclasses.field(
+    jumps: list[Plain] = dataclasses.field(
         default_factory=list
     )  # where a branch of equilibria ended: see docs/motion.md
     tightest_radius: float | None = (
@@ -318,12 +318,10 @@ class Result:
         # m: bound of the error that the grid leaves, where the scene requests an error or a time
         None
     )
-    resolution: dict[str, Any] | None = (
-        None  # what was chosen for it, and how: see docs/accuracy.md
-    )
+    resolution: Plain | None = None  # what was chosen for it, and how: see docs/accuracy.md
     # Of each obstacle at the end: force on the body (3,) N, count of points (or particles) that touch, depth of the deepest (m).
-    contacts: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
-    effects_chosen: list[dict[str, Any]] | None = (
+    contacts: dict[str, Plain] = dataclasses.field(default_factory=dict)
+    effects_chosen: list[Plain] | None = (
         None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
     )
 
@@ -368,7 +366,7 @@ class Result:
 
         return of_result(self)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Plain:
         """Return what `magmpm run --json` prints: everything but the particle and grid arrays.
 
         Returns
@@ -536,9 +534,9 @@ class Result:
             raise InputError(_unreadable(folder, error)) from None
 
 
-def _parts_of(scene: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def _parts_of(scene: Named) -> Named | None:
     """The key body.parts of a scene's plain data; None for another body."""
-    body: Mapping[str, Any] = scene.get("body") or {}
+    body: Named = scene.get("body") or {}
     return body.get("parts")
 
 

@@ -8,8 +8,8 @@ import json
 import time
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError
 from magmpm.inputs.user_files import MOST_JSON_BYTES, read_regular
 from magmpm.results.file_names import (
@@ -220,7 +220,7 @@ def _remove(
             empty.rmdir()
 
 
-def read_mapping(path: Path) -> dict[str, Any]:
+def read_mapping(path: Path) -> Plain:
     """A JSON file's mapping; empty where it can't be read."""
     try:
         known = json.loads(read_regular(path, MOST_JSON_BYTES))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.errors import PAIR, BudgetError, InputError, quantity, require
 from magmpm.results import notices
 from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, POSITIONS, STEPS
@@ -83,7 +83,7 @@ class Instant:
     F: Array
     P: Array
     energies: Mapping[str, float]
-    contacts: Mapping[str, Any]
+    contacts: Named
     field: Array | None
 
 
@@ -337,7 +337,7 @@ class Frame:
         )
 
 
-def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
+def _read_about(path: Path) -> tuple[str, Plain | None]:
     """Name and scene of a motion. Raises InputError."""
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
@@ -354,7 +354,7 @@ def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
         ) from None
 
 
-def _whole(path: Path, file: h5py.File) -> tuple[Array, Array, dict[str, Any]]:
+def _whole(path: Path, file: h5py.File) -> tuple[Array, Array, Plain]:
     """Times, fields and what is stored once, after all frames were checked. Raises InputError."""
     vtkhdf = frame_files()
     times, fields = vtkhdf.read_moments(file)
@@ -416,7 +416,7 @@ class Motion:
 
     folder: Path
     name: str
-    scene: dict[str, Any] | None
+    scene: Plain | None
     times: Array
     fields: Array
     part: NDArray[np.int32]
@@ -426,7 +426,7 @@ class Motion:
     energies: dict[str, Array]
     contacts: dict[str, dict[str, Array]]
     steps: dict[str, Array] = field(default_factory=dict)
-    jumps: list[dict[str, Any]] = field(default_factory=list)
+    jumps: list[Plain] = field(default_factory=list)
     positions: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
@@ -479,7 +479,7 @@ class Motion:
             raise InputError(
                 f"{folder}: the motion can't be read ({error}); run the scene again"
             ) from None
-        tables: dict[str, Any] = {
+        tables: Plain = {
             "energies": energies,
             "contacts": contacts,
             "steps": steps,

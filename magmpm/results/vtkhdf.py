@@ -22,7 +22,7 @@ import numpy as np
 from h5py import h5d, h5l, h5o
 from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.frame_arrays import QUANTITIES, Numbers
@@ -125,7 +125,7 @@ class FrameFile:
         count = first + _AHEAD
         steps = np.arange(first, count)
         points = steps * self.n
-        of_steps: dict[str, Any] = {
+        of_steps: Plain = {
             "NumberOfParts": 1,
             "PartOffsets": 0,
             "PointOffsets": points,
@@ -268,7 +268,7 @@ def _count_only(path: Path, frames: int) -> None:
         steps["Values"].resize(frames, axis=0)
 
 
-def read_static(file: h5py.File) -> dict[str, Any]:
+def read_static(file: h5py.File) -> Plain:
     """Read the arrays that are stored once: those of STATIC."""
     return {name: file["VTKHDF/PointData"][name][()] for name in STATIC}
 

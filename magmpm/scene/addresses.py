@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
 from magmpm.scene.scene import Scene
@@ -162,7 +163,7 @@ def changed(scene: Scene, values: Mapping[Place, Any], *, units: bool = False) -
     return validate(Scene, data, units=units)
 
 
-def put(data: dict[str, Any], values: Mapping[Place, Any], scene: Scene) -> None:
+def put(data: Plain, values: Mapping[Place, Any], scene: Scene) -> None:
     """Write values into a scene's plain data in place: in SI, or with units into the content of its file.
 
     A vector that a file leaves out, or gives in another form, is first written as `scene` has it.
@@ -184,7 +185,7 @@ def put(data: dict[str, Any], values: Mapping[Place, Any], scene: Scene) -> None
         holder[place[-1]] = value
 
 
-def say(content: dict[str, Any], scene: Scene, places: Iterable[Place]) -> None:
+def say(content: Plain, scene: Scene, places: Iterable[Place]) -> None:
     """Make the content of a file say what a scene says, with units; read again, they are equal to the last bit.
 
     Parameters

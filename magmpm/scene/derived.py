@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from magmpm.bodies.segments import SHORTEST_SEGMENT
+from magmpm.compiled.arrays import Plain
 from magmpm.effects.acting import NO_LOADS
 from magmpm.effects.base import SceneLike
 from magmpm.errors import InputError
@@ -20,7 +21,7 @@ from magmpm.inputs.settings import validate
 from magmpm.inputs.yaml_document import read_yaml
 
 
-def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict[str, Any]:
+def inserted_data(scene: SceneLike, data: Plain, length: float) -> Plain:
     """SI data of the scene (as `to_si` gives it) made into those of its last `length` m: see Scene.inserted. Raises InputError."""
     catheter = scene.body.catheter
     if catheter is None:
@@ -90,10 +91,10 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
 
 
 def _cut(
-    segments: list[dict[str, Any]], lengths: list[float], length: float, shortest: float
-) -> list[dict[str, Any]]:
+    segments: list[Plain], lengths: list[float], length: float, shortest: float
+) -> list[Plain]:
     """The segments of the last `length` m, base first; a first piece below `shortest` m is given to the segment after it."""
-    kept: list[dict[str, Any]] = []
+    kept: list[Plain] = []
     left = length
     for segment, own in zip(reversed(segments), reversed(lengths), strict=True):
         piece = min(own, left)

@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 
 from magmpm.bodies.assembly import MAX_PARTS, MAY_OVERLAP
 from magmpm.bodies.surface_mesh import MeshError, overlaps, pack_mesh, read_stl, unpack_mesh
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError, report
 from magmpm.inputs.settings import Settings, fault, validate
 from magmpm.inputs.user_files import allow, read_regular
@@ -165,9 +166,9 @@ def _scene_text(path: Path, robot: Robot, target: Path) -> tuple[str, list[str]]
     )
 
 
-def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
+def _scene(robot: Robot, meshes: list[str], low: float) -> Plain:
     """The scene's content; low: z of the robot's lowest point, mm."""
-    materials: dict[str, Any] = {}
+    materials: Plain = {}
     parts = []
     for segment, mesh in zip(robot.segments, meshes, strict=True):
         magnetized = any(segment.magnetisation_vector) and robot.remenance > 0
@@ -181,15 +182,15 @@ def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
             "density": f"{segment.density:.12g} kg/m^3",
             **({"remanence": f"{robot.remenance:.12g} T"} if magnetized else {}),
         }
-        part: dict[str, Any] = {"mesh": mesh, "material": name}
+        part: Plain = {"mesh": mesh, "material": name}
         if magnetized:
             part["magnetization"] = [float(x) for x in segment.magnetisation_vector]
         parts.append({**part, "clamp": True} if segment.fixed else part)
     held = any(segment.fixed for segment in robot.segments)
-    effects: dict[str, Any] = {"gravity": {}}
+    effects: Plain = {"gravity": {}}
     if any("magnetization" in part for part in parts):
         effects["magnetic_torque"] = {}
-    solver: dict[str, Any] = {"static": {}}
+    solver: Plain = {"static": {}}
     if not held:
         effects["ground"] = {"point": ["0 mm", "0 mm", f"{low:.9g} mm"], "friction": 0.5}
         solver = {"dynamic": {"duration": "10 ms", "output_every": "1 ms"}}

@@ -21,6 +21,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.effects.contact_law import Friction
 from magmpm.errors import quantity
 from magmpm.inputs.messages import Instead, plain_word
@@ -268,7 +269,7 @@ _REMANENCE = {
 }
 
 
-def _number(values: Mapping[str, Any], names: set[str], kind: str | None = None) -> float | None:
+def _number(values: Named, names: set[str], kind: str | None = None) -> float | None:
     """The positive number (SI) that stands under one of these names, text with a unit where it has a kind; None where none does."""
     for key, value in values.items():
         if plain_word(str(key)) not in names or isinstance(value, bool):
@@ -286,7 +287,7 @@ def _number(values: Mapping[str, Any], names: set[str], kind: str | None = None)
     return None
 
 
-def _shear_modulus(values: Mapping[str, Any]) -> str:
+def _shear_modulus(values: Named) -> str:
     """Text to write for Young's modulus."""
     formula = "G = E/(2 (1 + nu))"
     young = _number(values, _YOUNG, "pressure")
@@ -308,7 +309,7 @@ def _shear_modulus(values: Mapping[str, Any]) -> str:
     )
 
 
-def _bulk_to_shear(values: Mapping[str, Any], *, of_modulus: bool) -> str:
+def _bulk_to_shear(values: Named, *, of_modulus: bool) -> str:
     """Text to write for Poisson's ratio, or for the bulk modulus."""
     if of_modulus:
         bulk = _number(values, _BULK, "pressure")
@@ -425,16 +426,16 @@ class Material(Settings):
     )
 
     @model_serializer(mode="wrap")
-    def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _as_said(self, handler: SerializerFunctionWrapHandler) -> Plain:
         """Plain data, with the law of magnetization and friction only where they are not the usual ones."""
-        data: dict[str, Any] = handler(self)
+        data: Plain = handler(self)
         usual = {"magnetization_law": "stretches", "friction": None}
         return {
             key: value for key, value in data.items() if key not in usual or value != usual[key]
         }
 
     @staticmethod
-    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+    def by_other_keys(key: str, values: Named) -> Instead | None:
         """The constants that papers and data sheets give, by those that are written here, with their numbers."""
         word = plain_word(key)
         value = values.get(key)
@@ -720,9 +721,9 @@ class Resolution(Settings):
         return self
 
     @model_serializer(mode="wrap")
-    def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _as_said(self, handler: SerializerFunctionWrapHandler) -> Plain:
         """Plain data without what is not said: chosen cells are none yet, and requested errors are reported only where there are any."""
-        data: dict[str, Any] = handler(self)
+        data: Plain = handler(self)
         left_out = ("cells_across",) if self.requested else ("error", "of", "seconds")
         return {
             key: value for key, value in data.items() if key not in left_out and value is not None

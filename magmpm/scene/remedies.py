@@ -1,10 +1,11 @@
 """Changes to a scene whose run failed: named in the error, and tried on thousands of scenes by `make stability RANDOM=300`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.errors import BudgetError, Collapsed, Key, LeftField, SolveError, TimeOver, undotted
 from magmpm.fields.over_time import Ramp
 from magmpm.fields.schedule import end_time
@@ -23,7 +24,7 @@ class Remedy:
     """A change of a scene. words: for people; changes: by dotted key, values as `Scene.to_si` has them."""
 
     words: str
-    changes: Mapping[str, Any]
+    changes: Named
 
     def applied(self, scene: Scene) -> Scene:
         """The changed scene. Raises InputError where it is not valid."""
@@ -94,7 +95,7 @@ def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     if not until > 0.0:
         return ()
     if scene.solver.dynamic is not None:
-        more: dict[str, Any] = {
+        more: Plain = {
             "solver.dynamic.duration": until,
             "solver.dynamic.output_every": until / 10,
         }
@@ -167,7 +168,7 @@ def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         return ()
     for part in parts:
         scaled = {**ramp.model_dump(), "begin": part * ramp.begin, "end": part * ramp.end}
-        changes: dict[str, Any] = {"field.over_time.ramp": scaled}
+        changes: Plain = {"field.over_time.ramp": scaled}
         text = ", ".join(
             f"{key}: {scaled[key]:g}{' s' if key == 'duration' else ''}"
             for key in ("duration", "begin", "end")

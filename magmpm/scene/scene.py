@@ -28,7 +28,7 @@ from pydantic import (
 
 from magmpm.bodies.body import CATHETER, Body
 from magmpm.bodies.body_shape import Region
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError, show
 from magmpm.fields.external_field import Field as ExternalField
@@ -65,7 +65,7 @@ class FrozenDict(dict[K, V]):
         return FrozenDict, (dict(self),)  # else pickle would fill it item by item
 
 
-def load_scene(path: Path | str | Mapping[str, Any]) -> Scene:
+def load_scene(path: Path | str | Named) -> Scene:
     """Read a scene from its file, with all quantities in SI; or make it of a dict with the keys of such a file.
 
     Parameters
@@ -96,7 +96,7 @@ def load_scene(path: Path | str | Mapping[str, Any]) -> Scene:
     return validate(Scene, data)
 
 
-def _refuse_other_files(data: Mapping[str, Any]) -> None:
+def _refuse_other_files(data: Named) -> None:
     """Raises InputError for a study or a robot, whose every key would be unknown here."""
     if "body" in data or "materials" in data:
         return
@@ -140,7 +140,7 @@ _AUTO = "auto"  # effects that the program is to choose
 class _OrAuto:
     """Annotation: the JSON schema of a type, or the word auto."""
 
-    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Plain:
         return {"anyOf": [handler(core), {"const": _AUTO}]}
 
 
@@ -225,7 +225,7 @@ class Scene(Settings):
     _field_on_nodes: ExternalField | None = PrivateAttr(None)
 
     @staticmethod
-    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+    def by_other_keys(key: str, values: Named) -> Instead | None:
         """Say where a key that belongs in a study should stand.
 
         Parameters
@@ -546,7 +546,7 @@ class Scene(Settings):
 
     # scenes to and from data, and scenes made of scenes
 
-    def to_si(self) -> dict[str, Any]:
+    def to_si(self) -> Plain:
         """Write the scene as plain data in SI, as `from_si` reads it.
 
         Returns
@@ -580,7 +580,7 @@ class Scene(Settings):
         return save(self, Path(path))
 
     @classmethod
-    def from_si(cls, data: Mapping[str, Any]) -> Scene:
+    def from_si(cls, data: Named) -> Scene:
         """Make the scene that plain SI data describe.
 
         Parameters
@@ -826,7 +826,7 @@ class Scene(Settings):
         """
         return Scene.from_si(inserted_data(self, self.to_si(), in_si(length, "length", "length")))
 
-    def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Scene:
+    def with_effects(self, **effects: Named | Settings | None) -> Scene:
         """Make the scene with other effects; those not mentioned stay as they are.
 
         Parameters

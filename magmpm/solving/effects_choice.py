@@ -1,8 +1,8 @@
 """Effects that a scene calls for: chosen for `effects: auto` by pairs of runs (solving.influence), and missed ones of motions reported."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.rod.cantilever import is_cantilever, weight_in_motion
 from magmpm.scene import Scene
@@ -19,7 +19,7 @@ class EffectsChoice:
     """The scene with the chosen effects named; reasons: of each effect `effect`, `chosen`, `shift_m`, `uncertainty_m`, `why`."""
 
     scene: Scene
-    reasons: list[dict[str, Any]]
+    reasons: list[Plain]
 
 
 def choose_effects(scene: Scene) -> EffectsChoice:
@@ -38,7 +38,7 @@ def choose_effects(scene: Scene) -> EffectsChoice:
             found[key] = EffectRow(key, False, 0.0, 0.0, "irrelevant", both)
         else:
             possible.append(key)
-    every: dict[str, Any] = {key: {} for key in possible if key not in TRIED_LAST}
+    every: Plain = {key: {} for key in possible if key not in TRIED_LAST}
     full, advised = _advised(bare, every, possible)
     found.update(advised)
     chosen = [key for key in possible if found[key].advice in ("keep", "add")]
@@ -103,9 +103,7 @@ def _together(full: Scene, left: list[str], found: dict[str, EffectRow]) -> list
     return chosen
 
 
-def _advised(
-    bare: Scene, every: dict[str, Any], possible: list[str]
-) -> tuple[Scene, dict[str, EffectRow]]:
+def _advised(bare: Scene, every: Plain, possible: list[str]) -> tuple[Scene, dict[str, EffectRow]]:
     """The scene with every possible effect, and the advice on them in it."""
     full = bare.with_effects(**every)
     runs = Variants(full)

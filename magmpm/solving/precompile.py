@@ -28,7 +28,7 @@ import numba
 import numpy as np
 from filelock import lock_descriptor
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.compiled.cache import compile_here, kept_all
 from magmpm.compiled.environment import cache_folder, source_hash
 from magmpm.compiled.parallel import compile_task
@@ -334,7 +334,7 @@ def _briefly() -> AbstractContextManager[None]:
     return limited(STEPS_OF_SMALL_SOLVE, map(float, count()).__next__)
 
 
-def _begin(_: object, small: dict[str, Any]) -> Callable[[str | Function], bool]:
+def _begin(_: object, small: Plain) -> Callable[[str | Function], bool]:
     """Begin a process: it compiles parts by their names, and reports whether the disk saved them."""
     every = {
         **_WHOLE,

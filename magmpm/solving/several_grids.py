@@ -4,10 +4,10 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Plain
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import (
     InputError,
@@ -381,7 +381,7 @@ def _prepare(grids: Grids) -> float:
     )
 
 
-def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
+def _on_the_way(grids: Grids, choice: ChosenGrid) -> Plain:
     """Time (s) when the two grids differ the most, and the spans (s) around jumps in which no error is known, of runs along time."""
     if not isinstance(grids, Runs) or not grids.scene.in_time:
         return {}

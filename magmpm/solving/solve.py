@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.effects import acting as effects
 from magmpm.effects.base import Contact
@@ -194,7 +194,7 @@ def finite(result: Result) -> Result:
     return result
 
 
-def _along_time(options: RunOptions) -> dict[str, Any]:
+def _along_time(options: RunOptions) -> Plain:
     """Options as the solvers along time take them; they call on_progress(time, steps)."""
     tell = options.on_progress or (lambda steps, at: None)
     return {
@@ -291,9 +291,7 @@ def _shown(on_frame: OnFrame | None) -> Callable[[PathState], None] | None:
 
 def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:
     shape = state.shape
-    last: dict[str, Any] = next(
-        reversed(state.rows), {"iterations": state.iterations, "stability": None}
-    )
+    last: Plain = next(reversed(state.rows), {"iterations": state.iterations, "stability": None})
     return _result(
         shape.model,
         shape.position,
@@ -439,7 +437,7 @@ def result_of(
     )
 
 
-def _contacts(model: Model, touched: Touched | None, own: OwnContacts | None) -> dict[str, Any]:
+def _contacts(model: Model, touched: Touched | None, own: OwnContacts | None) -> Plain:
     """Contacts of an equilibrium, as results have them."""
     found = {} if touched is None else contacts_at_rest(model, touched)
     return _plain(found | ({} if own is None else own.report()))
@@ -447,7 +445,7 @@ def _contacts(model: Model, touched: Touched | None, own: OwnContacts | None) ->
 
 def _plain(
     contacts: Mapping[str, Contact], largest: Mapping[str, tuple[float, float]] | None = None
-) -> dict[str, Any]:
+) -> Plain:
     """Contacts by name, as plain data; largest: of a motion, the largest force (N) of all frames by name, and its time (s)."""
     apart = Contact(force=np.zeros(3), count=0, depth=0.0, energy=0.0)
     most = largest or {}

@@ -29,7 +29,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.effects import acting
 from magmpm.errors import LeftField, SolveError
 from magmpm.statics.definite import lowest_mode
@@ -115,7 +115,7 @@ class EquilibriumPath:
         point = point_of(energy.model, grid)
         self.now = replace(self.now, point=point, lowest=self._eigenvalue(energy, point))
 
-    def state(self) -> tuple[dict[str, Array], dict[str, Any]]:
+    def state(self) -> tuple[dict[str, Array], Plain]:
         """Arrays and numbers from which `restored` makes the same branch."""
         kept = {"now": self.now, "before": self.before}
         known = {name: one for name, one in kept.items() if one is not None}
@@ -127,7 +127,7 @@ class EquilibriumPath:
 
     @classmethod
     def restored(
-        cls, loads: Loads, arrays: dict[str, Array], numbers: dict[str, Any], **options: Any
+        cls, loads: Loads, arrays: dict[str, Array], numbers: Plain, **options: Any
     ) -> EquilibriumPath:
         """The branch of a `state`."""
         found = {}

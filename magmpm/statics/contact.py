@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from magmpm.bodies.contact_surface import ContactSurface
-from magmpm.compiled.arrays import Array, Index, Mask
+from magmpm.compiled.arrays import Array, Index, Mask, Plain
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.calls import pushes_on, rows
 from magmpm.effects.contact_force import RIGIDITY
@@ -121,7 +121,7 @@ class Touched(NamedTuple):
 
     def chosen(self, some: Mask) -> Touched:
         """Some of these points (t,), with the energy of all."""
-        each: dict[str, Any] = {name: getattr(self, name)[some] for name in self._fields[:-1]}
+        each: Plain = {name: getattr(self, name)[some] for name in self._fields[:-1]}
         return self._replace(**each)
 
     @property

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array, Index, Mask
+from magmpm.compiled.arrays import Array, Index, Mask, Plain
 from magmpm.errors import SceneError, dotted, lengths
 from magmpm.model import Driven, Model, build, reloaded
 from magmpm.scene import Scene
@@ -254,7 +254,7 @@ def model_at_rest(scene: Scene) -> StaticModel:
     return made
 
 
-def _unloaded(scene: Scene) -> dict[str, Any]:
+def _unloaded(scene: Scene) -> Plain:
     """A scene's plain data without what loads alone depend on, each where it stands: a material may have any name."""
     data = scene.to_si()
     loads: list[Place] = [("name",), ("advice",), ("reference",), ("field",)]

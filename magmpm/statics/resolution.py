@@ -9,11 +9,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from magmpm.bodies.polar_grid import PolarGrid
+from magmpm.compiled.arrays import Plain
 from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.errors import SceneError, SolveError, TimeOver, quantity
 from magmpm.scene import Scene, memory
@@ -39,7 +39,7 @@ class ChosenGrid:
 
     cells: int
     error: float
-    report: dict[str, Any]
+    report: Plain
 
 
 class _Late(Exception):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import in_words, unitless
 from magmpm.studies.dashboard.view import MARK, Notes, plain
 from magmpm.studies.goals.report import PICTURES, REPORT
@@ -59,6 +59,6 @@ class GoalNotes(Notes):
         return "\n\n".join(lines)
 
 
-def _limit(limit: dict[str, Any]) -> str:
+def _limit(limit: Plain) -> str:
     """A constraint in words."""
     return f"{unitless(limit['label'])} {limit['bounds']}"

@@ -13,6 +13,7 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs
 
+from magmpm.compiled.arrays import Plain
 from magmpm.inputs.page_guard import HEADERS, Guard
 
 SCRIPT = "/static/bundle.js"
@@ -29,7 +30,7 @@ OF_ROW = (
 )
 NEW_COLUMN = rf'("state",{{header:"State",cell:e=>{OF_ROW},'
 
-Application = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
+Application = Callable[[Plain, Callable[..., Any]], Iterable[bytes]]
 
 
 def with_refused_states(script: str) -> str:
@@ -75,7 +76,7 @@ def page(app: Application, write: bool) -> Application:
     """
     made: list[bytes] = []  # from the first request on
 
-    def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
+    def serve(environ: Plain, start: Callable[..., Any]) -> Iterable[bytes]:
         if environ.get("PATH_INFO") != SCRIPT or environ.get("REQUEST_METHOD") != "GET":
             return app(environ, start)
         if not made:
@@ -127,7 +128,7 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
         The application.
     """
 
-    def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
+    def serve(environ: Plain, start: Callable[..., Any]) -> Iterable[bytes]:
         cookie = f"magmpm-{environ.get('SERVER_PORT')}"
         secret = parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1]
         method = environ.get("REQUEST_METHOD")
@@ -203,7 +204,7 @@ def _cookie(header: str, name: str) -> str | None:
     return None if found is None else found.value
 
 
-def _whole(app: Application, environ: dict[str, Any]) -> str | None:
+def _whole(app: Application, environ: Plain) -> str | None:
     """Text that the application serves for a request, or None where the answer isn't a text."""
     begun: list[Any] = []
     conditions = ("HTTP_IF_MODIFIED_SINCE", "HTTP_IF_NONE_MATCH", "HTTP_RANGE")

@@ -9,12 +9,13 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from optuna.storages import RDBStorage
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.compiled.arrays import Plain
 from magmpm.studies.engine.report import feasible, refused
 from magmpm.studies.problem import REPORT
 from magmpm.studies.search.samplers.optuna_ids import storage_of, study_id, trial_id
@@ -107,7 +108,7 @@ class Notes:
                 pause.wait(period)
             pause.wait(period)
 
-    def _report(self) -> dict[str, Any]:
+    def _report(self) -> Plain:
         try:
             found = json.loads((self.folder / self.report_name).read_text(encoding="utf-8"))
         except (OSError, ValueError):

@@ -13,11 +13,11 @@ Gauss-Newton sampler, and from the rod:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import rod_model
 from magmpm.scene import Scene
@@ -38,7 +38,7 @@ from magmpm.studies.search.search_space import SearchSpace
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
-Finding = dict[str, Any]
+Finding = Plain
 
 
 def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) -> list[Finding]:

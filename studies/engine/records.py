@@ -13,8 +13,9 @@ import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError, require
 from magmpm.inputs.user_files import MOST_JSON_BYTES, read_regular
 from magmpm.results.result import readable
@@ -250,7 +251,7 @@ class Gallery:
         ]
 
 
-def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
+def save_design(folder: Path, result: Result, design: Plain) -> None:
     """Write a result and the design that it belongs to into a folder; the design last.
 
     Parameters
@@ -292,7 +293,7 @@ def holds(folder: Path, trial: FrozenTrial) -> bool:
     )
 
 
-def read_design(folder: Path) -> dict[str, Any]:
+def read_design(folder: Path) -> Plain:
     """Read what a folder says of its design.
 
     Parameters
@@ -312,7 +313,7 @@ def read_design(folder: Path) -> dict[str, Any]:
     return design if isinstance(design, dict) else {}
 
 
-def designs(out: Path) -> dict[int, dict[str, Any]]:
+def designs(out: Path) -> dict[int, Plain]:
     """Find the designs that a study's folder holds.
 
     Parameters

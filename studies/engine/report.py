@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.errors import MagmpmError
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
@@ -124,7 +125,7 @@ class StudyReport:
     trials: int
     failed: int
     refused: int
-    best: dict[str, Any] | None
+    best: Plain | None
     first_trial_below_stop: int | None
     seconds_per_trial: float | None
     ended: Ended
@@ -132,14 +133,14 @@ class StudyReport:
     failed_trials: list[int]
     reasons: list[str] = field(default_factory=list)
     measure_m: list[float] | None = None
-    front: dict[str, Any] | None = None
+    front: Plain | None = None
     warnings: list[str] = field(default_factory=list)
     why_sampler: str | None = None
     artifacts: str | None = None
     study_file: str | None = None
-    limits: list[dict[str, Any]] = field(default_factory=list)
+    limits: list[Plain] = field(default_factory=list)
     exchanged: int = 0
-    verified: list[dict[str, Any]] = field(default_factory=list)
+    verified: list[Plain] = field(default_factory=list)
 
     def __repr__(self) -> str:
         best = (
@@ -179,7 +180,7 @@ class StudyReport:
             f" {2 * self.trials}"
         )
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Plain:
         """Return what `magmpm design --json` prints.
 
         Returns
@@ -238,7 +239,7 @@ def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
     )
 
 
-def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
+def on_the_brink(best: Named | None) -> list[str]:
     """Warn where a best design is less stable than STABILITY_AT_BRINK.
 
     Parameters
@@ -316,7 +317,7 @@ def refused(trial: FrozenTrial) -> bool:
     return bool(trial.user_attrs.get("refused"))
 
 
-def describe(trial: FrozenTrial) -> dict[str, Any]:
+def describe(trial: FrozenTrial) -> Plain:
     """Describe a trial for a report.
 
     Parameters
@@ -369,8 +370,8 @@ def verified(
     designs: Sequence[FrozenTrial],
     scene_of: Callable[[FrozenTrial], Scene],
     solve: Callable[[Scene], Result],
-    known: Sequence[dict[str, Any]],
-) -> list[dict[str, Any]]:
+    known: Sequence[Plain],
+) -> list[Plain]:
     """Solve the best designs of a study that requests an error on finer grids.
 
     Trials run on the coarsest grid, which sorts good from bad. At the end every design that its
@@ -398,7 +399,7 @@ def verified(
         error, None where the coarse grid was not among those that were tried; or a `reason`.
     """
     before = {one["number"]: one for one in known}
-    found: list[dict[str, Any]] = []
+    found: list[Plain] = []
     for trial in designs[:5]:
         # its rms and that of the first may both be wrong by the coarse error
         bars = [one["coarse_error_m"] for one in found if one.get("coarse_error_m") is not None]
@@ -419,10 +420,10 @@ def verified(
 
 def _verified_one(
     study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Scene], Result]
-) -> dict[str, Any]:
+) -> Plain:
     assert study.requested is not None
     first = coarse.resolution.cells_across
-    about: dict[str, Any] = {
+    about: Plain = {
         "number": trial.number,
         "rms_m": trial.user_attrs["rms_m"],
         "trial_cells": first,
@@ -445,7 +446,7 @@ def _verified_one(
     }
 
 
-def verified_lines(found: Sequence[dict[str, Any]]) -> list[str]:
+def verified_lines(found: Sequence[Plain]) -> list[str]:
     """Write messages on the designs that were verified.
 
     Parameters

@@ -15,13 +15,13 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import optuna
 from optuna.distributions import BaseDistribution
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import MagmpmError, report
 from magmpm.studies.engine.storage import RESCUED, DatabaseLost, StorageError, Store, storage_faults
 from magmpm.studies.engine.workers.sessions import SESSION
@@ -303,7 +303,7 @@ def _as_saved(trial: FrozenTrial | None) -> FrozenTrial:
         return optuna.trial.create_trial(state=TrialState.FAIL, user_attrs={"reason": GAP})
     if trial.state.is_finished():
         return trial
-    design: dict[str, Any] = {FIXED: trial.params} if trial.params else {}
+    design: Plain = {FIXED: trial.params} if trial.params else {}
     known = {key: value for key, value in trial.user_attrs.items() if key != SESSION}
     attributes = {**trial.system_attrs, **design}
     return optuna.trial.create_trial(

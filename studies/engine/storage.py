@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.errors import InputError, MagmpmError, install, report, require
 from magmpm.results.run_folder import holds_run
 from magmpm.results.whole_file import naming
@@ -337,9 +338,7 @@ def open_storage(
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy) from None
     sqlite = parts.get_backend_name() == "sqlite"
     refuse_memory(parts, url)
-    options: dict[str, Any] = (
-        {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
-    )
+    options: Plain = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
     if parts.get_backend_name() == "postgresql":
         options["connect_args"] = dict(_SHORT_WAITS)
     if sqlite:
@@ -355,7 +354,7 @@ def open_storage(
 
 
 def _made(
-    kind: type[optuna.storages.RDBStorage], url: str, options: Mapping[str, Any]
+    kind: type[optuna.storages.RDBStorage], url: str, options: Named
 ) -> optuna.storages.RDBStorage:
     """The database with its tables. Sessions that begin together may make them at the same moment: all but one of them try again."""
     from sqlalchemy.exc import IntegrityError, ProgrammingError
@@ -456,7 +455,7 @@ def _commit_without_waiting(backend: optuna.storages.RDBStorage) -> None:
 def open_study(
     storage: optuna.storages.BaseStorage,
     study: Study,
-    definition: Mapping[str, Any],
+    definition: Named,
     out: Path,
     url: str,
     timeout: float = TIMEOUT,

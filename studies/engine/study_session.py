@@ -7,12 +7,12 @@ import shutil
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import optuna
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.explain_miss import findings
@@ -149,7 +149,7 @@ class StudySession:
         MagmpmError
             What is to be said.
         """
-        attributes: dict[str, Any] = {STARTS: self.starts} if self.starts else {}
+        attributes: Plain = {STARTS: self.starts} if self.starts else {}
 
         def make(store: Store) -> optuna.Study:
             kept = self._opened(store.open(), store.url)
@@ -200,7 +200,7 @@ class StudySession:
                 )
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
-    def _verified(self) -> list[dict[str, Any]]:
+    def _verified(self) -> list[Plain]:
         """Best designs on finer grids, as far as they are known; studies of before 0.1.0 called it judged."""
         notes = self.store(lambda: self.kept.user_attrs)
         if VERIFIED in notes:
@@ -324,7 +324,7 @@ class StudySession:
         )
 
 
-def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
+def rerun(evaluator: Evaluator, store: Store, number: int) -> Plain:
     """Solve a trial again and compare.
 
     Parameters

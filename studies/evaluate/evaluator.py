@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from magmpm.compiled.arrays import Plain
 from magmpm.studies.evaluate.trajectory import InsertionTrajectory, ScheduleTrajectory, shapes_of
 from magmpm.studies.evaluate.trial import (
     Differentiate,
@@ -20,6 +21,7 @@ from magmpm.studies.evaluate.trial import (
     penalty,
 )
 from magmpm.studies.problem.study import Study
+from magmpm.studies.search.parameters import Parameters
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -89,7 +91,7 @@ class Evaluator:
         self.space = SearchSpace.of(study)
         self.evaluation = evaluation_of(study, self.space)
 
-    def outcome(self, number: int, params: Mapping[str, Any]) -> Outcome:
+    def outcome(self, number: int, params: Parameters) -> Outcome:
         """Find the outcome of the design of a trial, with what to save. Only interrupts, and disks that take no log, end this with an
         exception.
 
@@ -115,7 +117,7 @@ class Evaluator:
             outcome, known=known, files=files, drawing=time.perf_counter() - begun
         )
 
-    def failed(self, params: Mapping[str, Any], reason: str) -> Outcome:
+    def failed(self, params: Parameters, reason: str) -> Outcome:
         """Make the outcome of a design that could not be solved.
 
         Parameters
@@ -135,13 +137,13 @@ class Evaluator:
             outcome, known=self._known(outcome, self.scene_of(params), params)
         )
 
-    def _known(self, outcome: Outcome, scene: Scene, params: Mapping[str, Any]) -> dict[str, Any]:
+    def _known(self, outcome: Outcome, scene: Scene, params: Parameters) -> Plain:
         space = self.space
         return attributes(
             outcome, scene, space.directions(params), space.field(params)
         ) | space.quantities(params)
 
-    def scene_of(self, params: Mapping[str, Any]) -> Scene:
+    def scene_of(self, params: Parameters) -> Scene:
         """Make the scene of a trial.
 
         Parameters
@@ -157,7 +159,7 @@ class Evaluator:
         """
         return self.evaluation.scenes(params)[-1]
 
-    def _drawn(self, number: int, outcome: Outcome, known: dict[str, Any]) -> list[Path]:
+    def _drawn(self, number: int, outcome: Outcome, known: Plain) -> list[Path]:
         """A trial's pictures; where there is none, `known` says why: a missing picture never fails a trial."""
         if outcome.result is None or self.picture is None:
             return []

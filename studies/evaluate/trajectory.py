@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.errors import SolveError
 from magmpm.results.measures import centreline_at
 from magmpm.results.whole_file import whole_file
@@ -34,6 +34,7 @@ from magmpm.studies.rods.rod_trajectory import (
     RodTrajectory,
     RodTrajectoryDesign,
 )
+from magmpm.studies.search.parameters import Parameters
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class Trajectory(Evaluation, ABC):
         """
 
     @abstractmethod
-    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+    def way(self, params: Parameters) -> RodPath | None:
         """Find the rods of a design on the way from each equilibrium to the next.
 
         Parameters
@@ -100,7 +101,7 @@ class Trajectory(Evaluation, ABC):
     def followed(self) -> Any:
         """The curve that the rods follow, or one for each of them: rod_trajectory.RodTrajectory.grown."""
 
-    def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
+    def starts(self, params: Parameters) -> Sequence[RodShape | None]:
         way = self.way(params)
         directions = directions_of(self.space.scene_of(params))
         if way is None:
@@ -149,7 +150,7 @@ class Trajectory(Evaluation, ABC):
         x[directions.size : directions.size + design.fields.size] = design.fields.ravel()
         return self.space.parameters_at(x)
 
-    def fields(self, params: Mapping[str, Any]) -> Array:
+    def fields(self, params: Parameters) -> Array:
         """Find the field of each equilibrium of a design.
 
         Parameters
@@ -166,7 +167,7 @@ class Trajectory(Evaluation, ABC):
             [self.space.field(params, self.field_number(k)) for k in range(len(self.places))]
         )
 
-    def penalty(self, params: Mapping[str, Any]) -> float:
+    def penalty(self, params: Parameters) -> float:
         return penalty(self.space.scene)
 
     def mean_squares(self, results: Sequence[Result]) -> Array:
@@ -189,7 +190,7 @@ class Trajectory(Evaluation, ABC):
             ]
         )
 
-    def rows(self, results: Sequence[Result], params: Mapping[str, Any]) -> list[dict[str, Any]]:
+    def rows(self, results: Sequence[Result], params: Parameters) -> list[Plain]:
         """Describe each equilibrium.
 
         Parameters
@@ -214,7 +215,7 @@ class Trajectory(Evaluation, ABC):
             for k, (field, square, result) in enumerate(each)
         ]
 
-    def field_changes(self, params: Mapping[str, Any]) -> dict[str, float]:
+    def field_changes(self, params: Parameters) -> dict[str, float]:
         """Find the changes of the field from one equilibrium to the next.
 
         Parameters
@@ -249,7 +250,7 @@ class Trajectory(Evaluation, ABC):
         return 0
 
     def _derived(
-        self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int
+        self, found: Sensitivities, scene: Scene, params: Parameters, number: int
     ) -> Array:
         """Derivatives (3 m, size) of an equilibrium's gaps by the design's embedded coordinates."""
         hidden = self.hidden(found)
@@ -265,7 +266,7 @@ class Trajectory(Evaluation, ABC):
         slopes = self.slopes(found, number)
         return np.asarray(slopes.reshape(-1, slopes.shape[-1]) @ chain)
 
-    def _model(self, results: Sequence[Result], derived: list[Any]) -> dict[str, Any]:
+    def _model(self, results: Sequence[Result], derived: list[Any]) -> Plain:
         """The attributes that Gauss-Newton reads; none without derivatives."""
         if not derived:
             return {}
@@ -324,7 +325,7 @@ class ScheduleTrajectory(Trajectory):
         count = len(self.target(number))
         return np.full(count, 1.0 / count)
 
-    def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
+    def measures(self, results: Sequence[Result], params: Parameters) -> Plain:
         squares = self.mean_squares(results)
         worst = int(np.argmax(squares))
         rows = zip(self.study.keyframes, self.rows(results, params), strict=True)
@@ -337,7 +338,7 @@ class ScheduleTrajectory(Trajectory):
             SHAPES: self._shown(results, params),
         }
 
-    def _shown(self, results: Sequence[Result], params: Mapping[str, Any]) -> list[dict[str, Any]]:
+    def _shown(self, results: Sequence[Result], params: Parameters) -> list[Plain]:
         """Data that pictures need of the times that they show, m and T."""
         most_times_shown = 4  # times in the picture of a schedule, at most
         fields = self.fields(params)
@@ -351,7 +352,7 @@ class ScheduleTrajectory(Trajectory):
             found.append({**about, "target_m": target, **shape_of(results[k])})
         return found
 
-    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+    def way(self, params: Parameters) -> RodPath | None:
         scene = self.space.scene_of(params)
         straight = isinstance(scene.body.shape, StraightBody) and scene.body.shape.clamp == "base"
         return self._way(scene) if straight and not scene.field.varies else None
@@ -488,7 +489,7 @@ class InsertionTrajectory(Trajectory):
     def places(self) -> tuple[str, ...]:
         return tuple(f"at {1e3 * depth:.4g} mm" for depth in self.study.depths)
 
-    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
+    def scenes(self, params: Parameters) -> list[Scene]:
         """The scene of each depth of a design."""
         return [
             self.space.scene_of(params, self.field_number(k)).inserted(length)
@@ -512,7 +513,7 @@ class InsertionTrajectory(Trajectory):
     def hidden(self, found: Sensitivities) -> int:
         return len(self.space.scene.regions()) - int(np.max(found.result.particle_segment)) - 1
 
-    def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
+    def measures(self, results: Sequence[Result], params: Parameters) -> Plain:
         """Measures reported of a trajectory, as the class has them."""
         squares = self.mean_squares(results)
         each = zip(self.study.depths, self.rows(results, params), results, strict=True)
@@ -537,7 +538,7 @@ class InsertionTrajectory(Trajectory):
         }
 
     def write_moments(
-        self, folder: Path, solve: Solve, params: Mapping[str, Any], note: Note = silent
+        self, folder: Path, solve: Solve, params: Parameters, note: Note = silent
     ) -> None:
         """Write the frames of the movie of a design: all depths on the way, each in a field between those of its neighbors.
 
@@ -573,7 +574,7 @@ class InsertionTrajectory(Trajectory):
         with whole_file(folder / MOVIE) as part:
             part.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
-    def _moments(self, params: Mapping[str, Any]) -> Iterator[tuple[float, Array, RodShape | None]]:
+    def _moments(self, params: Parameters) -> Iterator[tuple[float, Array, RodShape | None]]:
         """Depths (m), fields (3,) T and rods of the movie, from the first depth that is evaluated on."""
         fields = self.fields(params)
         way = self.way(params)
@@ -595,7 +596,7 @@ class InsertionTrajectory(Trajectory):
 
     # designs by the rod
 
-    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+    def way(self, params: Parameters) -> RodPath | None:
         return None if self.space.scene.field.varies else self._way(self.space.scene_of(params))
 
     @property
@@ -631,7 +632,7 @@ class InsertionTrajectory(Trajectory):
         """
         return replace(self.space, field_max=None, fields=1)
 
-    def with_fields(self, chosen: Mapping[str, Any]) -> dict[str, Any]:
+    def with_fields(self, chosen: Parameters) -> Plain:
         """Add to parameters of directions those of the field that the rod finds for each depth.
 
         Parameters
@@ -649,7 +650,7 @@ class InsertionTrajectory(Trajectory):
         return {**self.parameters(mended or fitted), **chosen}
 
 
-def shape_of(result: Result) -> dict[str, Any]:
+def shape_of(result: Result) -> Plain:
     """Collect what pictures need of one equilibrium.
 
     Parameters
@@ -671,7 +672,7 @@ def shape_of(result: Result) -> dict[str, Any]:
     return {name: np.round(np.asarray(values), 7).tolist() for name, values in rows.items()}
 
 
-def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
+def shapes_of(kept: Named) -> tuple[Plain, ...]:
     """Collect what pictures need of each depth or time.
 
     Parameters

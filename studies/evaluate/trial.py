@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.errors import SolveError
 from magmpm.results.result import Result
 from magmpm.results.whole_file import naming
@@ -27,6 +27,7 @@ from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.exchanges import improved
 from magmpm.studies.rods.rod_designs import rod_starts
 from magmpm.studies.search.knobs import errors_of
+from magmpm.studies.search.parameters import Parameters
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ class Scatter:
         mean, sigma = self.moments()
         return mean + SIGMAS * sigma
 
-    def attributes(self) -> dict[str, Any]:
+    def attributes(self) -> Plain:
         """Collect the attributes that a trial stores of it.
 
         Returns
@@ -232,7 +233,7 @@ class Trial:
     wanted: int = 0
     seconds: float = 0.0
     seconds_left: float = 0.0
-    shapes: tuple[Mapping[str, Any], ...] = ()  # of an insertion: what pictures need of each depth
+    shapes: tuple[Named, ...] = ()  # of an insertion: what pictures need of each depth
 
 
 @dataclass(frozen=True)
@@ -272,10 +273,10 @@ class Outcome:
     tip_error: float | None
     reason: str | None
     seconds: float
-    model: Mapping[str, Any] = field(default_factory=dict)  # attributes of a solve with derivatives
+    model: Named = field(default_factory=dict)  # attributes of a solve with derivatives
     stability: float | None = None  # of the result (Result.stability)
     refused: bool = False  # solved, but less stable than the study's margin
-    known: dict[str, Any] = field(default_factory=dict)  # attributes to save of the trial
+    known: Plain = field(default_factory=dict)  # attributes to save of the trial
     files: list[Path] = field(default_factory=list)  # its pictures
     drawing: float = 0.0  # s
 
@@ -386,7 +387,7 @@ class Evaluation:
         """
         return number if self.space.fields > 1 else -1
 
-    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
+    def scenes(self, params: Parameters) -> list[Scene]:
         """Make the scene of each equilibrium of a design.
 
         Parameters
@@ -401,7 +402,7 @@ class Evaluation:
         """
         return [self.space.scene_of(params, self.field_number(k)) for k in range(len(self.places))]
 
-    def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
+    def starts(self, params: Parameters) -> Sequence[RodShape | None]:
         """Find the rod near which each equilibrium is.
 
         Parameters
@@ -476,7 +477,7 @@ class Evaluation:
         """
         return gap_derivatives(found, self.target(number))
 
-    def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
+    def measures(self, results: Sequence[Result], params: Parameters) -> Plain:
         """Measure a design.
 
         Parameters
@@ -493,7 +494,7 @@ class Evaluation:
         """
         return {"rms_m": root_mean_square(self.gaps(results[0], 0))}
 
-    def penalty(self, params: Mapping[str, Any]) -> float:
+    def penalty(self, params: Parameters) -> float:
         """Find the value of a design that is not solved.
 
         Parameters
@@ -508,7 +509,7 @@ class Evaluation:
         """
         return penalty(self.scenes(params)[-1])
 
-    def last_result(self, solve: Solve, params: Mapping[str, Any]) -> Result:
+    def last_result(self, solve: Solve, params: Parameters) -> Result:
         """Solve the last equilibrium of a design.
 
         Parameters
@@ -552,7 +553,7 @@ class Evaluation:
         self,
         solve: Solve,
         differentiate: Differentiate | None,
-        params: Mapping[str, Any],
+        params: Parameters,
         log: Path,
     ) -> Outcome:
         """Solve all equilibria of a design, and compare them with the target.
@@ -644,9 +645,7 @@ class Evaluation:
             reason is not None,
         )
 
-    def _derived(
-        self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int
-    ) -> Any:
+    def _derived(self, found: Sensitivities, scene: Scene, params: Parameters, number: int) -> Any:
         """Attributes that gauss-newton reads, and those of the scatter by errors of manufacture.
 
         residuals: the gaps at the target's rows, component by component, over the root of m: their sum of squares is rms^2. jacobian: their
@@ -654,7 +653,7 @@ class Evaluation:
         """
         gap = self.gaps(found.result, number)
         slopes = self.slopes(found, number)
-        model = dict[str, Any]()
+        model = Plain()
         errors = self.study.robust
         if self.study.sampler == "gauss-newton":
             share = 1.0 / np.sqrt(len(gap))
@@ -667,7 +666,7 @@ class Evaluation:
             | Scatter(gap, slopes @ deviations(scene, found.variables, errors)).attributes()
         )
 
-    def _model(self, results: Sequence[Result], derived: list[Any]) -> dict[str, Any]:
+    def _model(self, results: Sequence[Result], derived: list[Any]) -> Plain:
         """The attributes that samplers read."""
         gap = self.gaps(results[0], 0)
         return {
@@ -701,7 +700,7 @@ def beyond(outcome: Outcome, margin: float | None) -> float:
     return 1.0 if outcome.stability is None else margin - outcome.stability
 
 
-def attributes(outcome: Outcome, scene: Scene, directions: Array, uniform: Array) -> dict[str, Any]:
+def attributes(outcome: Outcome, scene: Scene, directions: Array, uniform: Array) -> Plain:
     """Collect the attributes that are stored of a trial in addition to its parameters and value.
 
     Parameters
@@ -721,7 +720,7 @@ def attributes(outcome: Outcome, scene: Scene, directions: Array, uniform: Array
         Plain data in SI.
     """
     result = outcome.result
-    kept: dict[str, Any] = {
+    kept: Plain = {
         "feasible": outcome.accepted,
         "scene_hash": scene.hash(),
         "magnetization": np.round(directions, 9).tolist(),
@@ -774,7 +773,7 @@ def needs_derivatives(study: Study) -> bool:
     return study.sampler == "gauss-newton" or study.robust is not None
 
 
-def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:
+def stored(residuals: Array, jacobian: Array) -> Plain:
     """Write residuals and their Jacobian as attributes: JSON with 9 digits, as a step of the sampler needs no more.
 
     Optuna keeps an attribute in a column of the type TEXT, which holds anything in SQLite and

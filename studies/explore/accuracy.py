@@ -10,12 +10,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from magmpm.bodies.curves import linear
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.errors import InputError, SolveError
 from magmpm.materials import young_modulus
 from magmpm.model import build
@@ -116,7 +115,7 @@ class Ladder:
     conclusions: list[str]
     failed: dict[str, str]  # settings that found no answer, and why
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Plain:
         """Plain data, SI."""
         return asdict(self)
 

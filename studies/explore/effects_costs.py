@@ -9,11 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numba
 import numpy as np
 
+from magmpm.compiled.arrays import Plain
 from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.acting import Effects
@@ -72,7 +72,7 @@ def _with(scene: Scene, *keys: str) -> Scene:
 
     Raises InputError where the scene can't have them.
     """
-    settings: dict[str, Any] = dict.fromkeys(Effects.every())
+    settings: Plain = dict.fromkeys(Effects.every())
     for key in keys:
         examples = Effects.model_fields[key].examples or [{}]
         named = getattr(scene.effects, key)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.effects import acting as effects
 from magmpm.effects.acting import Effects
 from magmpm.effects.base import Effect
@@ -159,7 +158,7 @@ class EffectsTable:
         """The table as the command prints it."""
         return f"Influence of effects on {self.scene!r}\n{self.text()}"
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Plain:
         """Plain data, SI."""
         return asdict(self)
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array, Mask
+from magmpm.compiled.arrays import Array, Mask, Plain
 from magmpm.compiled.process import DIED, PARTIAL, RAISED, answers, started, with_threads
 from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.vectors import Vector
@@ -343,7 +343,7 @@ class TipMap:
         """Number of fields with each mark."""
         return {mark: int(np.count_nonzero(self.mark == mark)) for mark in MARKS}
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Plain:
         """Plain data, SI, for --json."""
         none = np.isnan(self.tip).any(axis=1)
         return {

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.inputs.quantities import divided
 from magmpm.scene.addresses import put, value_at, written
 from magmpm.scene.apparatus import AXIS, POSITION
@@ -46,7 +46,7 @@ class HeldOut:
         """Share of the readings that lie in their intervals."""
         return float(np.mean(np.abs(self.found.residuals) <= self.half))
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Plain:
         """Write it as plain data.
 
         Returns
@@ -145,7 +145,7 @@ def predict_held_out(found: Fit, measured: Measurements) -> HeldOut:
     )
 
 
-def summary(found: Fit) -> dict[str, Any]:
+def summary(found: Fit) -> Plain:
     """Write a fit as plain data.
 
     Parameters
@@ -196,9 +196,9 @@ def summary(found: Fit) -> dict[str, Any]:
     }
 
 
-def _entry(one: Fitted) -> dict[str, Any]:
+def _entry(one: Fitted) -> Plain:
     c = one.constant
-    entry: dict[str, Any] = {
+    entry: Plain = {
         "name": c.name,
         "address": c.address,
         "kind": c.kind,
@@ -382,7 +382,7 @@ def _short(value: Any) -> Any:
     return f"{number:.10g} {unit}" if unit else round(number, 9)
 
 
-def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:
+def shown(found: Fit, held: HeldOut | None = None) -> Plain:
     """Collect the content of the picture (viz.fit_plot): a panel for each table, then those of what was held out, and residuals.
 
     A panel has series of measured and simulated numbers over what was changed, and of held-out ones
@@ -429,7 +429,7 @@ def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:
     }
 
 
-def _panel(found: Fit, table: Measurements, number: int, half: Array | None) -> dict[str, Any]:
+def _panel(found: Fit, table: Measurements, number: int, half: Array | None) -> Plain:
     """Panel of a table."""
     labels = [label for label in found.labels if label.table == number]
     if table.kind == "curve":
@@ -440,7 +440,7 @@ def _panel(found: Fit, table: Measurements, number: int, half: Array | None) -> 
         if half is not None
         else []
     )
-    series: dict[str, dict[str, Any]] = {}
+    series: dict[str, Plain] = {}
     for label in labels:
         x, group = over[label.line]
         one = series.setdefault(
@@ -535,20 +535,21 @@ def _apparatus(table: Measurements) -> tuple[list[tuple[float, str]], str | None
         across = np.linalg.norm(axes[:, 1:], axis=1)
         turns = np.degrees(np.arctan2(across, axes[:, 0])).tolist()
         return [(turn, "") for turn in turns], "angle of the magnet's axis to the body's (deg)"
-    for place in (place for place, value in rows[0].items() if isinstance(value, float)):
-        coil = place[:2] == ("field", "coils")
-        named = "current in the first coil (A)" if coil else f"{written(place)} (SI)"
-        return [(row[place], "") for row in rows], named
+    for place, value in rows[0].items():
+        if isinstance(value, float):
+            coil = place[:2] == ("field", "coils")
+            named = "current in the first coil (A)" if coil else f"{written(place)} (SI)"
+            return [(float(row[place]), "") for row in rows], named  # type: ignore[arg-type]
     inserted = [state.apparatus.inserted for state in table.states]
     if inserted[0] is None:
         return [], None
     return [(1e3 * (length or 0.0), "") for length in inserted], "inserted length (mm)"
 
 
-def _curves(table: Measurements, labels: list[Label]) -> dict[str, Any]:
+def _curves(table: Measurements, labels: list[Label]) -> Plain:
     """Points of digitized curves, and where they are nearest to the simulated ones, in the first two coordinates they have."""
     state_of = {line: k for k, state in enumerate(table.states) for line in state.lines.tolist()}
-    series: dict[str, dict[str, Any]] = {}
+    series: dict[str, Plain] = {}
     for label in labels:
         name = f"curve {state_of[label.line] + 1}"
         keys = ("x", "measured", "fitted_x", "fitted")

@@ -1,6 +1,6 @@
 """Design of anything that can be simulated: any number of a scene, any measure of its answer, any goal; and sweeps of values."""
 
-from typing import Any
+from magmpm.compiled.arrays import Plain
 
-Plain = dict[str, Any]  # plain data by key: what files and databases keep
+__all__ = ["Bounds", "Plain"]
 Bounds = tuple[float | None, float | None]  # least and greatest value, SI

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import SolveError
 from magmpm.scene import Scene
 
@@ -93,7 +93,7 @@ class CaseOutcome:
         """True if the measure is within its bound."""
         return self.measure <= self.case.bound
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Plain:
         """Write the outcome as plain data; a measure that is not finite is None.
 
         Returns

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from magmpm.bodies.surface_mesh import Mesh
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named
 from magmpm.dynamics import energies
 from magmpm.dynamics.step_control import LIMIT
 from magmpm.dynamics.time_loop import begin
@@ -186,12 +186,12 @@ def last_cells(model: Model) -> Array:
 
 
 def made(
-    body: Mapping[str, Any],
-    materials: Mapping[str, Any],
+    body: Named,
+    materials: Named,
     *,
-    field: Mapping[str, Any],
-    effects: Mapping[str, Any],
-    solver: Mapping[str, Any] | None = None,
+    field: Named,
+    effects: Named,
+    solver: Named | None = None,
     cells: int | None = 2,
 ) -> Scene:
     """Make a scene of its parts: an equilibrium unless the solver says otherwise.
@@ -253,8 +253,8 @@ def rod(
     field: Sequence[float] | None = None,
     cells: int = 2,
     clamp: str = "base",
-    effects: Mapping[str, Any] | None = None,
-    dynamic: Mapping[str, Any] | None = None,
+    effects: Named | None = None,
+    dynamic: Named | None = None,
 ) -> Scene:
     """Make the scene of a catheter 4 mm thick of equal segments.
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.dynamics.time_loop import begin, integrate, interval, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.errors import InputError, SolveError
@@ -282,7 +282,7 @@ def _moving() -> Scene:
     )
 
 
-def _table(folder: Path) -> list[dict[str, Any]]:
+def _table(folder: Path) -> list[Plain]:
     with (folder / ENERGIES).open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.scene.options import Resolution
@@ -150,7 +150,7 @@ class Study:
             why_sampler=self.why_sampler if sampler is None else None,
         )
 
-    def definition(self) -> dict[str, Any]:
+    def definition(self) -> Plain:
         """Collect all that decides which trials are made and how they are evaluated.
 
         Of the scene it leaves out names, and what the study varies anyway: starting values do not
@@ -178,14 +178,14 @@ class Study:
             **self._more(),
         }
 
-    def _fixed_scene(self) -> dict[str, Any]:
+    def _fixed_scene(self) -> Plain:
         """The scene's data without what varies."""
         scene = self.scene
         if self.turned:
             directions = np.array([region.magnetization for region in scene.regions()])
             directions[self.turned] = [1.0, 0.0, 0.0]
             scene = scene.with_magnetizations(directions)
-        content: dict[str, Any] = scene.model_dump(
+        content: Plain = scene.model_dump(
             mode="json", exclude={"name", "reference"}, exclude_none=True
         )
         if self.requested is not None:
@@ -202,7 +202,7 @@ class Study:
                 body["length"] = "varied"
         return content
 
-    def _more(self) -> dict[str, Any]:
+    def _more(self) -> Plain:
         """The keys that most studies do not have: they count only where they are given, so that older studies stay what they are."""
         given = {
             "insertion": {"depths": list(self.depths)} if self.depths else None,

@@ -5,7 +5,6 @@ python -m magmpm.studies.problem.study_file         # rewrites studies/study.sch
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from magmpm.compiled.arrays import Named
 from magmpm.errors import show
 from magmpm.inputs.messages import Instead, plain_word
 from magmpm.inputs.settings import Key, Quantity, Settings, check_rising, fault, write_json_schema
@@ -255,7 +255,7 @@ class StudyFile(Search):
     """A study: the scene, what is varied, what it must match, and how it is searched."""
 
     @staticmethod
-    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+    def by_other_keys(key: str, values: Named) -> Instead | None:
         """Say where keys of a scene belong."""
         if plain_word(key) not in Scene.model_fields:
             return None

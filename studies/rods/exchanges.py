@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.shape_distance import root_mean_square
@@ -62,7 +61,7 @@ def improved(
 
 def next_exchange(
     space: SearchSpace, target: Array, best: Parameters, tried: Sequence[Parameters]
-) -> dict[str, Any] | None:
+) -> Plain | None:
     """Exchange one direction of the best design with one of the set (_exchanges), as no other trial has had it.
 
     Parameters

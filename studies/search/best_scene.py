@@ -16,10 +16,11 @@ import numpy as np
 import yaml
 
 from magmpm.bodies.surface_mesh import PREFIX
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.errors import InputError
 from magmpm.inputs.yaml_document import read_yaml
 from magmpm.results.whole_file import whole_file
+from magmpm.studies.search.parameters import Parameters
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ SCENE = "scene.yaml"
 SPEED = 10e-3
 
 
-def moved_content(source: Path, folder: Path) -> dict[str, Any]:
+def moved_content(source: Path, folder: Path) -> Plain:
     """Read the content of a scene's file, with its paths as a file in another folder names them.
 
     Parameters
@@ -48,11 +49,11 @@ def moved_content(source: Path, folder: Path) -> dict[str, Any]:
     dict[str, Any]
         The content.
     """
-    content: dict[str, Any] = _mended(dict(read_yaml(source)), source.parent, folder)
+    content: Plain = _mended(dict(read_yaml(source)), source.parent, folder)
     return content
 
 
-def as_yaml(content: Mapping[str, Any]) -> str:
+def as_yaml(content: Named) -> str:
     """Write the content of a scene as the text of a file.
 
     Parameters
@@ -87,7 +88,7 @@ def _from_folder(path: Path, folder: Path) -> str:
 
 
 def write_best_scene(
-    folder: Path, study: Study, space: SearchSpace, best: Mapping[str, Any]
+    folder: Path, study: Study, space: SearchSpace, best: Parameters
 ) -> Path | None:
     """Write the scene of a design into a folder, whole or not at all; a file that says the same is left alone.
 
@@ -143,17 +144,15 @@ def write_best_scene(
     return path
 
 
-def _without(content: Mapping[str, Any], part: str, left_out: str) -> dict[str, Any]:
+def _without(content: Named, part: str, left_out: str) -> Plain:
     """A part of a file's content without one of its keys."""
     return {key: value for key, value in content.get(part, {}).items() if key != left_out}
 
 
-def _add_schedule(
-    content: dict[str, Any], study: Study, space: SearchSpace, found: Mapping[str, Any]
-) -> None:
+def _add_schedule(content: Plain, study: Study, space: SearchSpace, found: Named) -> None:
     """The fields of all times as keyframes, from no field at 0 s, and equilibria along them."""
     zero = ["0 mT"] * 3
-    frames: list[dict[str, Any]] = [{"time": "0 s", "uniform": zero}]
+    frames: list[Plain] = [{"time": "0 s", "uniform": zero}]
     for k, frame in enumerate(study.keyframes):
         uniform = [f"{1e3 * component:.15g} mT" for component in space.field(found, k).tolist()]
         frames.append({"time": f"{frame.time:.15g} s", "uniform": uniform})
@@ -188,9 +187,7 @@ def times(depths: Array, diameter: float) -> Array:
     return (np.asarray(depths) - min(diameter, depths[0])) / SPEED
 
 
-def _add_push(
-    content: dict[str, Any], study: Study, space: SearchSpace, params: Mapping[str, Any]
-) -> None:
+def _add_push(content: Plain, study: Study, space: SearchSpace, params: Parameters) -> None:
     """The motion of a design."""
     whole = space.scene_of(params)
     shape = whole.body.catheter
@@ -237,7 +234,7 @@ def _add_push(
     content.pop("reference", None)
 
 
-def _moved_walls(scene: Scene, exit_at: float) -> dict[str, Any]:
+def _moved_walls(scene: Scene, exit_at: float) -> Plain:
     """A tube of `walls` where the push has its guide's exit; the scene has it around its own, or around the origin.
 
     Raises InputError for walls of a surface, which can't be moved.

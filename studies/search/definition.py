@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named
 from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.settings import validate
@@ -169,7 +169,7 @@ def _depths(file: StudyFile, path: Array, thickness: float) -> tuple[float, ...]
     )
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+def differences(old: Named, new: Named) -> list[str]:
     """List the differences between two definitions; numbers count to 12 digits, the order of keys does not.
 
     Parameters

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.errors import InputError, in_one_line
 from magmpm.inputs.quantities import KINDS, divided, in_si
 from magmpm.inputs.vectors import Vector, angles_of, from_angles
@@ -23,9 +24,6 @@ from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, Number
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
-
-
-Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -74,28 +72,28 @@ class Knob(ABC):
         return []
 
     @abstractmethod
-    def at(self, params: Values) -> dict[Place, Any]:
+    def at(self, params: Named) -> dict[Place, Any]:
         """Find the values that parameters, which may be a step beyond their bounds, write into the scene.
 
         Parameters
         ----------
-        params : Values
+        params : Named
             Parameters by name.
 
         Returns
         -------
         dict[Place, Any]
-            Values by place.
+            Named by place.
         """
 
-    def arranged(self, scene: Scene, params: Values) -> Scene:
+    def arranged(self, scene: Scene, params: Named) -> Scene:
         """Put the parts of a scene, with all its values, in their order.
 
         Parameters
         ----------
         scene : Scene
             The scene.
-        params : Values
+        params : Named
             Parameters by name.
 
         Returns
@@ -105,7 +103,7 @@ class Knob(ABC):
         """
         return scene
 
-    def own(self, scene: Scene) -> dict[str, Any]:
+    def own(self, scene: Scene) -> Plain:
         """Find the parameters that give the scene's own value.
 
         Parameters
@@ -120,7 +118,7 @@ class Knob(ABC):
         """
         return {}
 
-    def begun(self, scene: Scene) -> dict[str, Any]:
+    def begun(self, scene: Scene) -> Plain:
         """Find the parameters within the bounds that are nearest to the scene's own value.
 
         Parameters
@@ -182,11 +180,11 @@ class Bounded(Knob):
     def blocks(self) -> list[Block]:
         return [] if self.whole else [self.block]
 
-    def at(self, params: Values) -> dict[Place, Any]:
+    def at(self, params: Named) -> dict[Place, Any]:
         value = int(params[self.name]) if self.whole else float(params[self.name])
         return dict.fromkeys(self.places, f"{value!r} {self.unit}" if self.unit else value)
 
-    def own(self, scene: Scene) -> dict[str, Any]:
+    def own(self, scene: Scene) -> Plain:
         now = value_at(scene, self.places[0])
         if not isinstance(now, (int, float)) or isinstance(now, bool):
             return {}
@@ -194,7 +192,7 @@ class Bounded(Knob):
         near = round(value, 12) if value else 0.0
         return {self.name: int(near) if self.whole else near}
 
-    def begun(self, scene: Scene) -> dict[str, Any]:
+    def begun(self, scene: Scene) -> Plain:
         kind = int if self.whole else float
         return {
             name: kind(min(max(value, self.low), self.high))
@@ -233,10 +231,10 @@ class Choice(Knob):
 
         return {self.name: CategoricalDistribution(tuple(self.shown))}
 
-    def at(self, params: Values) -> dict[Place, Any]:
+    def at(self, params: Named) -> dict[Place, Any]:
         return dict.fromkeys(self.places, self.shown[params[self.name]])
 
-    def own(self, scene: Scene) -> dict[str, Any]:
+    def own(self, scene: Scene) -> Plain:
         now = value_at(scene, self.places[0])
         for shown, value in self.shown.items():
             if value_at(changed(scene, {self.places[0]: value}), self.places[0]) == now:
@@ -337,15 +335,15 @@ class Turning(Knob):
             return [Ball(self._length, azimuth, elevation, self.longest, 1.0 / self.longest)]
         if self.across is None:
             return [Direction(*names)]
-        ranges: dict[str, Any] = self.distributions()
+        ranges: Plain = self.distributions()
         return [Number(name, each.low, each.high) for name, each in ranges.items()]
 
-    def vectors(self, params: Values) -> dict[Place, list[float]]:
+    def vectors(self, params: Named) -> dict[Place, list[float]]:
         """Find the vectors of parameters.
 
         Parameters
         ----------
-        params : Values
+        params : Named
             Parameters by name.
 
         Returns
@@ -372,13 +370,13 @@ class Turning(Knob):
             found[place] = vector
         return found
 
-    def at(self, params: Values) -> dict[Place, Any]:
+    def at(self, params: Named) -> dict[Place, Any]:
         return {
             place: [f"{x!r} {self.unit}" if self.unit else x for x in vector]
             for place, vector in self.vectors(params).items()
         }
 
-    def own(self, scene: Scene) -> dict[str, Any]:
+    def own(self, scene: Scene) -> Plain:
         vector = value_at(scene, self.places[0])
         length = math.hypot(*vector)
         angles = self.angles(vector)
@@ -389,7 +387,7 @@ class Turning(Knob):
             return found if length else {}
         return {**found, self._length: round(length / self.scale, 12)}
 
-    def begun(self, scene: Scene) -> dict[str, Any]:
+    def begun(self, scene: Scene) -> Plain:
         found = self.own(scene)
         if self.longest is not None and found:
             found[self._length] = min(found[self._length], self.longest)
@@ -615,7 +613,7 @@ def distributions(turned: Sequence[Knob]) -> dict[str, BaseDistribution]:
     return {name: one for knob in turned for name, one in knob.distributions().items()}
 
 
-def made(scene: Scene, turned: Sequence[Knob], params: Values) -> Scene:
+def made(scene: Scene, turned: Sequence[Knob], params: Named) -> Scene:
     """Make the scene of a trial.
 
     Parameters
@@ -624,7 +622,7 @@ def made(scene: Scene, turned: Sequence[Knob], params: Values) -> Scene:
         The study's scene.
     turned : sequence of Knob
         What the study turns.
-    params : Values
+    params : Named
         The trial's parameters by name.
 
     Returns
@@ -680,7 +678,7 @@ def errors_of(robust: Robust, scene: Scene) -> list[dict[Place, float]]:
         for group in groups(number, scene, at):
             found.append((group, *_deviation(number.deviation, scene, group[0], at)))
     check_apart([(written(group[0]), group) for group, _, _ in found], "robust")
-    changes = []
+    changes = list[dict[Place, float]]()
     for group, size, relative in found:
         tilts: tuple[dict[Place, float], ...] = ({}, {})
         for place in group:

@@ -7,11 +7,12 @@ that any design can have, the penalty and the greatest field or volume within th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import shown_unit
 from magmpm.studies.search.parameters import FieldVector, Parameters
 from magmpm.studies.search.samplers.optuna_ids import si_values
@@ -189,7 +190,7 @@ def compromise(values: Sequence[Sequence[float]]) -> int:
 
 def pareto_report(
     minimize: Sequence[str], trials: Sequence[FrozenTrial], feasible: Callable[[FrozenTrial], bool]
-) -> dict[str, Any]:
+) -> Plain:
     """Describe a front for reports.
 
     Parameters

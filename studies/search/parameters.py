@@ -9,17 +9,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Named
 from magmpm.scene.addresses import Place, written
 from magmpm.studies.search.samplers.blocks import Ball, Direction, Number
 
-Parameters = Mapping[str, Any]
+Parameters = Named
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 FIELD = ("field_mT", "field_azimuth_deg", "field_elevation_deg")
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import astuple
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, Plain
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place
 from magmpm.studies.problem.variables import Vary
@@ -20,7 +18,7 @@ from magmpm.studies.search.parameters import VariedNumber
 MOST_ORDERS = 1000
 
 
-def with_own_materials(data: dict[str, Any], scene: Scene, numbers: Sequence[VariedNumber]) -> None:
+def with_own_materials(data: Plain, scene: Scene, numbers: Sequence[VariedNumber]) -> None:
     """Give each segment that has a number of a material to itself a material of its own, in place.
 
     Parameters
@@ -193,15 +191,8 @@ def addressed(
         place, *shared = knob.places
         thick = place == ("body", scene.body.kind, "diameter") and not shared
         what = "diameter" if thick else "number"
-        numbers.append(
-            VariedNumber(
-                *astuple(knob.block),
-                what=what,
-                unit=1.0 / knob.scale,
-                place=place,
-                shared=tuple(shared),
-            )
-        )
+        own = knob.name, knob.low, knob.high, knob.log, knob.whole
+        numbers.append(VariedNumber(*own, what, 1.0 / knob.scale, place, shared=tuple(shared)))
     return numbers, rest
 
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, put, say, written
 from magmpm.scene.variables import of_lengths, segment_lengths
@@ -246,7 +246,7 @@ class SearchSpace:
         """
         return self.coordinates.read(parameters)
 
-    def parameters_at(self, x: Array, chosen: Parameters | None = None) -> dict[str, Any]:
+    def parameters_at(self, x: Array, chosen: Parameters | None = None) -> Plain:
         """Find the parameters of embedded coordinates, each block brought to its nearest design: the inverse of `embedded`.
 
         Parameters
@@ -265,7 +265,7 @@ class SearchSpace:
         choices = {name: own.get(name, known[0]) for name, known in self.choices.items()}
         return self.coordinates.write(self.nearest(x)) | choices
 
-    def chosen(self, parameters: Parameters) -> dict[str, Any]:
+    def chosen(self, parameters: Parameters) -> Plain:
         """Find the choices among the parameters of a design.
 
         Parameters
@@ -281,7 +281,7 @@ class SearchSpace:
         return {name: parameters[name] for name in self.choices}
 
     @cached_property
-    def own(self) -> dict[str, Any]:
+    def own(self) -> Plain:
         """Parameters of what the scene has itself: of choices, directions and vectors."""
         order = {"order": orders(self.scene, own=True)[0]} if self.order else {}
         return order | {
@@ -467,14 +467,14 @@ class SearchSpace:
         self.put_in_order(data, chosen)
         return Scene.from_si(data)
 
-    def _data(self, values: Mapping[Place, Any]) -> dict[str, Any]:
+    def _data(self, values: Mapping[Place, Any]) -> Plain:
         """The scene's data with these values."""
         data = self.scene.to_si()
         with_own_materials(data, self.scene, self.numbers_within)
         put(data, values, self.scene)
         return data
 
-    def write(self, content: dict[str, Any], parameters: Parameters) -> None:
+    def write(self, content: Plain, parameters: Parameters) -> None:
         """Write a design into the content of the scene's file, in place, with units.
 
         Parameters
@@ -533,7 +533,7 @@ class SearchSpace:
                 found[*body, "segments", longest, "length"] = None  # the rest, to the last bit
         return found
 
-    def put_in_order(self, data: dict[str, Any], chosen: Parameters | None) -> None:
+    def put_in_order(self, data: Plain, chosen: Parameters | None) -> None:
         """Put the segments of the scene's data, or of its file's content, in an order.
 
         Parameters
@@ -575,7 +575,7 @@ class SearchSpace:
         order = parameters.get("order")
         return found if order is None else found[arrangement(self.scene, order)]
 
-    def quantities(self, parameters: Parameters) -> dict[str, Any]:
+    def quantities(self, parameters: Parameters) -> Plain:
         """Find the values of the numbers that vary: lengths base to tip, the diameter, and remanence and shear modulus of each segment.
 
         Parameters
@@ -695,8 +695,8 @@ class SearchSpace:
                 for j, (other, at) in enumerate(lengths):
                     found[row, at] = other.slope(x[at]) * moved[i, j]
         places = dict(self.parts)
-        for knob in self.others:
-            for block in knob.blocks() if isinstance(knob, Turning) else ():
+        for knob in (one for one in self.others if isinstance(one, Turning)):
+            for block in knob.blocks():
                 at = places[block]
                 for place, slopes in self._turned(knob, block, x, at).items():
                     for i, slope in enumerate(slopes):
@@ -776,12 +776,12 @@ class Segments(Knob):
         self.space.put_in_order(data, params)
         return Scene.from_si(data)
 
-    def own(self, scene: Scene) -> dict[str, Any]:
+    def own(self, scene: Scene) -> Plain:
         named = zip(self.space.numbers_within, segment_lengths(scene), strict=False)
         lengths = {number.name: round(number.unit * length, 12) for number, length in named}
         return lengths | dict.fromkeys(self.space.choices, orders(scene, own=True)[0])
 
-    def begun(self, scene: Scene) -> dict[str, Any]:
+    def begun(self, scene: Scene) -> Plain:
         return self.space.parameters_at(self.space.embedded(self.own(scene)))
 
 

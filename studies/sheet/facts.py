@@ -8,13 +8,14 @@ from __future__ import annotations
 import os
 import shlex
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.inputs.user_files import read_regular
 from magmpm.results.measures import tip_of
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 
-def best_rows(trials: Sequence[FrozenTrial]) -> list[dict[str, Any]]:
+def best_rows(trials: Sequence[FrozenTrial]) -> list[Plain]:
     """The feasible trials nearest to the target: number, value_m, rms_m, tip_error_m, stability, values."""
     told = [(si_values(t), t.number, t.user_attrs) for t in trials if feasible(t)]
     return [
@@ -74,7 +75,7 @@ def reasons(trials: Sequence[FrozenTrial]) -> list[tuple[str, str, int]]:
     ]
 
 
-def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> dict[str, Any]:
+def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> Plain:
     """Parameters in which the best trials differ from all: PED-ANOVA (Watanabe et al., IJCAI 2023), shares that sum to 1.
 
     `values`: parameter -> share, largest first; `trials`: of how many. Or `why` there are none.
@@ -97,7 +98,7 @@ def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> dict[str, 
     return {"values": {name: float(share) for name, share in found.items()}, "trials": len(trials)}
 
 
-def when(trials: Sequence[FrozenTrial]) -> dict[str, Any]:
+def when(trials: Sequence[FrozenTrial]) -> Plain:
     """`began` and `ended` (ISO dates), of the trials that say so."""
     began = min((t.datetime_start for t in trials if t.datetime_start is not None), default=None)
     ended = max(
@@ -111,14 +112,14 @@ def when(trials: Sequence[FrozenTrial]) -> dict[str, Any]:
 
 def gather(
     folder: Path,
-    report: Mapping[str, Any],
+    report: Named,
     *,
     run: Callable[..., Result],
     differentiate: Callable[..., Any],
     storage: str | None = None,
     quick: bool = False,
     motion: bool = False,
-) -> dict[str, Any]:
+) -> Plain:
     """Gather what is known of the study in a folder. report: what `magmpm design` wrote there (study.json).
 
     run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is evaluated again, unless quick. storage: the URL of
@@ -127,7 +128,7 @@ def gather(
     import optuna
 
     notes: list[str] = []
-    facts: dict[str, Any] = {
+    facts: Plain = {
         **report,
         "notes": notes,
         "versions": {**versions(), "optuna": optuna.__version__},
@@ -173,7 +174,7 @@ def gather(
     return facts
 
 
-def _limits_of_errors(facts: Mapping[str, Any], length: float) -> dict[str, Any]:
+def _limits_of_errors(facts: Named, length: float) -> Plain:
     """The tolerances with the errors that move the tip by 1 % of the length and by the study's stop (`moves`: in words)."""
     rows = facts["tolerances"]
     if not isinstance(rows, list):
@@ -189,9 +190,7 @@ def _limits_of_errors(facts: Mapping[str, Any], length: float) -> dict[str, Any]
     return {"tolerances": limited, "moves": list(moves), "together_m": together(rows)}
 
 
-def _of_trials(
-    folder: Path, report: Mapping[str, Any], storage: str | None, notes: list[str]
-) -> dict[str, Any]:
+def _of_trials(folder: Path, report: Named, storage: str | None, notes: list[str]) -> Plain:
     """Facts in the storage; a note where it can't be read."""
     import optuna
 
@@ -205,7 +204,7 @@ def _of_trials(
                 for trial in trials_of(kept, url)
                 if trial.state == optuna.trial.TrialState.COMPLETE
             ]
-            found: dict[str, Any] = {
+            found: Plain = {
                 "definition": kept.user_attrs.get("definition"),
             }
             shares = importances(kept, trials)
@@ -219,7 +218,7 @@ def _of_trials(
     return found | of_trials | {"importances": shares}
 
 
-def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
+def _study(facts: Plain, notes: list[str]) -> Study | None:
     """The study as its file says it, if that is still the one that was run."""
     path = facts.get("study_file")
     if not path:
@@ -241,7 +240,7 @@ def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
     return study
 
 
-def _command(facts: Mapping[str, Any]) -> str:
+def _command(facts: Named) -> str:
     """The one line that makes the study again, from the folder in which the report was made where that holds the file."""
     path = Path(str(facts.get("study_file") or "STUDY.yaml"))
     shown = (
@@ -281,7 +280,7 @@ def _text(path: Path) -> str:
         return ""
 
 
-def describe_body(scene: Scene) -> dict[str, Any]:
+def describe_body(scene: Scene) -> Plain:
     """The body of a design as a drawing needs it, SI: kind, length, section, clamp, and of each segment `from_m`, length_m, material,
     direction (unit vector or zeros), remanence_T, shear_modulus_Pa."""
     shape = scene.body.shape
@@ -317,7 +316,7 @@ def describe_body(scene: Scene) -> dict[str, Any]:
     }
 
 
-def without_guide(body: dict[str, Any], segments: int) -> dict[str, Any]:
+def without_guide(body: Plain, segments: int) -> Plain:
     """The body without the piece that the scene of a push puts before an insertion's own segments, of which there are so many."""
     extra = max(len(body["segments"]) - segments, 0) if segments else 0
     kept = body["segments"][extra:]
@@ -331,11 +330,11 @@ def without_guide(body: dict[str, Any], segments: int) -> dict[str, Any]:
 
 def _verified(
     result: Result,
-    best: Mapping[str, Any],
+    best: Named,
     study: Study | None,
     run: Callable[..., Result],
     differentiate: Callable[..., Any],
-) -> dict[str, Any]:
+) -> Plain:
     try:
         last = last_equilibrium(result, best, study)
     except SolveError as error:

@@ -7,7 +7,7 @@ near the shape of its rod (evaluate.trajectory). If the answer is another equili
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.bodies.curves import linear
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Named, Plain
 from magmpm.errors import InputError, MagmpmError
 from magmpm.model import build
 from magmpm.results.measures import axis_of_particles
@@ -48,7 +48,7 @@ LARGEST = {
 SAME_EQUILIBRIUM = 0.05  # of the length: at a larger distance, two answers are two equilibria
 
 
-def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict[str, Any]]:
+def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[Plain]:
     """A row for each number of a design: `what`, `of`, its `unit` (deg, % or mm) and `tip_m_per_unit`, how far the tip moves for one unit.
 
     A direction may be wrong by a turn about any axis across it: what counts is the turn that moves the tip most, the largest singular value
@@ -93,16 +93,14 @@ def _ways(kind: str, whose: Any, columns: Array, scene: Scene) -> Iterator[tuple
             yield "direction", "deg", degree * strength * turned
 
 
-def allowed(row: dict[str, Any], way: float) -> float | None:
+def allowed(row: Plain, way: float) -> float | None:
     """The error, in the row's unit, that alone moves the tip by `way` (m); None where it is beyond LARGEST."""
     if row["tip_m_per_unit"] * LARGEST[row["unit"]] <= way:
         return None
     return float(way / row["tip_m_per_unit"])
 
 
-def together(
-    rows: Sequence[dict[str, Any]], direction: float = 5.0, materials: float = 5.0
-) -> float:
+def together(rows: Sequence[Plain], direction: float = 5.0, materials: float = 5.0) -> float:
     """Standard deviation (m, in space) of the tip for independent errors of manufacture, to first order: an upper bound.
 
     direction: standard deviation, deg, of each segment's turn along each of two axes; materials: of remanence and shear modulus, %.
@@ -134,9 +132,7 @@ class LastEquilibrium:
     )  # from the target, (m, 3) m; None where the study is not at hand
 
 
-def last_equilibrium(
-    result: Result, design: Mapping[str, Any], study: Study | None
-) -> LastEquilibrium:
+def last_equilibrium(result: Result, design: Named, study: Study | None) -> LastEquilibrium:
     """Find out how to solve for the equilibrium of a saved result again. Raises SolveError where the rod does not get there.
 
     design: what is stored of it (params, magnetization of each segment of the whole body).
@@ -156,9 +152,9 @@ def verified(
     last: LastEquilibrium,
     run: Callable[..., Result],
     differentiate: Callable[..., Any],
-) -> dict[str, Any]:
+) -> Plain:
     """Verify a best design by solving it again: `tolerances` (rows) and `finer`, or in their place why not (texts)."""
-    found: dict[str, Any] = {}
+    found: Plain = {}
     for name, ask in (
         ("tolerances", lambda: _tolerances(result, last, differentiate)),
         ("finer", lambda: finer(result, last, run)),
@@ -172,7 +168,7 @@ def verified(
 
 def _tolerances(
     result: Result, last: LastEquilibrium, differentiate: Callable[..., Any]
-) -> list[dict[str, Any]] | str:
+) -> list[Plain] | str:
     found = differentiate(last.scene, start=last.start)
     if distance(result, found.result) > SAME_EQUILIBRIUM * last.scene.length:
         return (
@@ -182,9 +178,7 @@ def _tolerances(
     return tolerances(last.scene, found, last.hidden)
 
 
-def finer(
-    result: Result, last: LastEquilibrium, run: Callable[..., Result]
-) -> dict[str, Any] | str:
+def finer(result: Result, last: LastEquilibrium, run: Callable[..., Result]) -> Plain | str:
     """The best design on the grid that tells its error (magmpm.statics.error_estimate), SI; a text where that is not known.
 
     cells, finer_cells; moved_m and tip_moved_m: the largest distance of the axes and of the tips; error_estimate_m: the bound that follows
@@ -219,7 +213,7 @@ def finer(
     return {**known, "rms_m": rms[0], "finer_rms_m": rms[1]}
 
 
-def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> list[dict[str, float]]:
+def in_time(folder: Path, design: Named, study: Study | None) -> list[dict[str, float]]:
     """Run the best design along time; one row each depth or time, SI. Raises InputError, SolveError."""
     scene = load_scene(folder / BEST / SCENE)
     out = folder / "motion" / f"trial_{design['number']:04d}"
@@ -286,7 +280,7 @@ def in_motion(scene: Scene, study: Study) -> Scene:
     return Scene.from_si(data)
 
 
-def _pushed(motion: Motion, design: Mapping[str, Any]) -> list[dict[str, float]]:
+def _pushed(motion: Motion, design: Named) -> list[dict[str, float]]:
     """Distances (m) of the pushed body from the equilibrium of each depth, and the force of its walls (N)."""
     scene = motion.scene
     assert scene is not None  # the file says what was run

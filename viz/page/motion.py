@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Plain
 from magmpm.scene import Scene
 from magmpm.viz.body import DrawnBody
 from magmpm.viz.page.stage import obstacles_of, put_obstacles, surface_arrays
@@ -30,7 +31,7 @@ class MotionStage:
         self._low = np.full(3, np.inf)
         self._high = np.full(3, -np.inf)
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Plain:
         """Data of all frames so far: times (s), the box they fill (m), the path of the tip or middle (m), energies (J), jumps (s)."""
         for number in range(len(self._trace), len(self.motion)):
             position = self.motion.position(number)
@@ -53,11 +54,11 @@ class MotionStage:
             "jumps": [jump["time"] for jump in self.motion.jumps],
         }
 
-    def frame(self, number: int, known: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def frame(self, number: int, known: str) -> tuple[Plain, dict[str, np.ndarray]]:
         """Header and arrays of a frame; known: name of the surface that the page has."""
         frame = self.motion[number]
         field = np.zeros(3) if frame.field is None else frame.field
-        header: dict[str, Any] = {
+        header: Plain = {
             "state": "frame",
             "number": number,
             "time": frame.time,

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.scene import Scene
 from magmpm.viz import style
 from magmpm.viz.binding import gradients
@@ -53,9 +54,7 @@ class Stage:
     def __init__(self) -> None:
         self._bodies: dict[str, DrawnBody] = {}
 
-    def message(
-        self, scene: Scene, shape: DeformedBody, known: str, about: dict[str, Any]
-    ) -> bytes:
+    def message(self, scene: Scene, shape: DeformedBody, known: str, about: Plain) -> bytes:
         """A shape of a scene. known: name of the surface that the page has; about: what else its header says."""
         name, body = self._body(scene, shape)
         arrays = {
@@ -135,7 +134,7 @@ def obstacles_of(scene: Scene, time: float | None = None) -> list[DrawnSolid]:
 
 
 def put_obstacles(
-    obstacles: list[DrawnSolid], header: dict[str, Any], arrays: dict[str, np.ndarray]
+    obstacles: list[DrawnSolid], header: Plain, arrays: dict[str, np.ndarray]
 ) -> None:
     """Put obstacles into a message."""
     header["obstacles"] = []
@@ -163,7 +162,7 @@ def _region_colors(scene: Scene) -> dict[str, str]:
     }
 
 
-def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> dict[str, Any]:
+def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> Plain:
     """Data of a scene that the page gets once: its size, what holds, and the colors of marks; target (q, 3) m or None."""
     plane = ground(scene)
     gravity = gravity_of(scene)
@@ -195,7 +194,7 @@ def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> di
     }
 
 
-def packed(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
+def packed(header: Named, arrays: Mapping[str, np.ndarray]) -> bytes:
     """A message to the page: a JSON header, then arrays of single precision or whole numbers, one after the other.
 
     4 bytes: length of the header (little-endian); the header, filled up with spaces to a multiple of 4; the arrays. The header's `arrays`

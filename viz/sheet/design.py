@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from magmpm.compiled.arrays import Named
 from magmpm.errors import fixed, significant
 from magmpm.viz.sheet.drawing import drawing
 from magmpm.viz.sheet.markup import NOTHING, Markup, joined, table, tag
 
 
-def sheet(facts: Mapping[str, Any]) -> Markup:
+def sheet(facts: Named) -> Markup:
     """Drawing, segments, field and tolerances of the best design."""
     body = facts["body"]
     best = facts["design"]
@@ -32,7 +32,7 @@ def sheet(facts: Mapping[str, Any]) -> Markup:
     return joined(parts)
 
 
-def _caption(body: Mapping[str, Any]) -> str:
+def _caption(body: Named) -> str:
     return (
         f"The undeformed {body['kind']}; arrows: magnetization in the plane of the view; "
         "a dot in a circle: toward the reader, a cross: away. Numbers: segments. Dimensions in mm."
@@ -47,7 +47,7 @@ def _words_of_directions() -> str:
     )
 
 
-def _segments(facts: Mapping[str, Any]) -> Markup:
+def _segments(facts: Named) -> Markup:
     head = [
         "",
         "from \u2013 to, mm",
@@ -69,7 +69,7 @@ def _segments(facts: Mapping[str, Any]) -> Markup:
     return table(head, rows, class_="numbers")
 
 
-def _direction(segment: Mapping[str, Any]) -> list[str]:
+def _direction(segment: Named) -> list[str]:
     x, y, z = segment["direction"]
     if not any((x, y, z)):
         return ["0", "not magnetized", "", ""]
@@ -84,7 +84,7 @@ def _direction(segment: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _field(facts: Mapping[str, Any]) -> Markup:
+def _field(facts: Named) -> Markup:
     """One field, or one for each depth or time."""
     design = facts["design"]
     for key, place, unit, scale in (
@@ -128,7 +128,7 @@ def _mm(value: float | None) -> str:
     return "" if value is None else f"{1e3 * value:.3f}"
 
 
-def _tolerances(facts: Mapping[str, Any]) -> Markup:
+def _tolerances(facts: Named) -> Markup:
     """The error of each number that alone moves the tip by 1 % of the length, and by the study's stop."""
     rows = facts.get("tolerances")
     if not isinstance(rows, list):
@@ -163,7 +163,7 @@ def _tolerances(facts: Mapping[str, Any]) -> Markup:
     )
 
 
-def _tightest(rows: Sequence[Mapping[str, Any]]) -> str:
+def _tightest(rows: Sequence[Named]) -> str:
     """The segment whose direction matters most, in words."""
     turned = [
         row

@@ -7,12 +7,13 @@ Arrows show each segment's magnetization in the plane of the view; a dot or a cr
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Named
 from magmpm.viz import style
 
 # of the drawing and its margins, px
@@ -30,7 +31,7 @@ TOWARD = {
 }  # the sign of that component that points toward the reader: side looks along +y, top along -z
 
 
-def drawing(body: Mapping[str, Any]) -> str:
+def drawing(body: Named) -> str:
     """The drawing of a body (studies.sheet.facts.describe_body) as the text of an SVG element."""
     scale = (DRAWING_WIDTH - LEFT - 150.0) / body["length_m"]
     sizes = _sizes(body)
@@ -57,7 +58,7 @@ def drawing(body: Mapping[str, Any]) -> str:
     return "\n".join([head, *parts, "</svg>"])
 
 
-def _sizes(body: Mapping[str, Any]) -> list[tuple[str, float]]:
+def _sizes(body: Named) -> list[tuple[str, float]]:
     """Sizes across the body as seen from the side and from above: the name and the size in m of each."""
     section = body["section_m"]
     if "diameter" in section:
@@ -75,7 +76,7 @@ def _heights(sizes: Sequence[tuple[str, float]], scale: float) -> tuple[dict[str
 
 
 def _view(
-    body: Mapping[str, Any],
+    body: Named,
     view: tuple[Any, ...],
     top: float,
     height: float,
@@ -132,7 +133,7 @@ def _view(
     return parts
 
 
-def _colors(body: Mapping[str, Any]) -> list[str]:
+def _colors(body: Named) -> list[str]:
     magnetized = np.array([any(segment["direction"]) for segment in body["segments"]])
     return [
         "#" + "".join(f"{round(255 * part):02x}" for part in color)
@@ -186,7 +187,7 @@ def _arrow(x: float, y: float, along: float, up: float, toward: float, size: flo
     return parts
 
 
-def _bore(body: Mapping[str, Any], middle: float, height: float, right: float) -> list[str]:
+def _bore(body: Named, middle: float, height: float, right: float) -> list[str]:
     inner = body["section_m"].get("inner_diameter", 0.0)
     if not inner:
         return []
@@ -198,7 +199,7 @@ def _bore(body: Mapping[str, Any], middle: float, height: float, right: float) -
     ]
 
 
-def _clamp(body: Mapping[str, Any], low: float, high: float, right: float) -> list[str]:
+def _clamp(body: Named, low: float, high: float, right: float) -> list[str]:
     """Hatched walls where the body is held."""
     parts = []
     reach = 8.0
@@ -211,7 +212,7 @@ def _clamp(body: Mapping[str, Any], low: float, high: float, right: float) -> li
     return parts
 
 
-def _lengths(body: Mapping[str, Any], y: float, low: float, scale: float) -> list[str]:
+def _lengths(body: Named, y: float, low: float, scale: float) -> list[str]:
     """The segments' lengths; where they are alike, how many there are of which length."""
     segments = body["segments"]
     lengths = [segment["length_m"] for segment in segments]
@@ -252,7 +253,7 @@ def _measure(
     return parts
 
 
-def _section(body: Mapping[str, Any], top: float, height: float) -> list[str]:
+def _section(body: Named, top: float, height: float) -> list[str]:
     """The section as seen from the tip: y to the right, z up."""
     section = body["section_m"]
     size = 0.9 * height

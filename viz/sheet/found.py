@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from magmpm.compiled.arrays import Named
 from magmpm.errors import length, significant
 from magmpm.results.result import CITATION, SOURCES
 from magmpm.viz.sheet.markup import NOTHING, Markup, joined, pairs, safe, table, tag, wide
@@ -17,7 +18,7 @@ WORDS = {
 }
 
 
-def heading(facts: Mapping[str, Any]) -> Markup:
+def heading(facts: Named) -> Markup:
     """Name of the study, what it sought, and when."""
     sought = WORDS[facts["kind"]]
     robust = ", robust to errors of manufacture" if facts.get("measure_m") else ""
@@ -36,7 +37,7 @@ def large(boxes: Iterable[tuple[str, str]]) -> Markup:
     return tag("div", *shown, class_="answer")
 
 
-def answer(facts: Mapping[str, Any]) -> Markup:
+def answer(facts: Named) -> Markup:
     """The figures that count, large."""
     best = facts.get("best")
     boxes: list[tuple[str, str]] = []
@@ -68,7 +69,7 @@ def answer(facts: Mapping[str, Any]) -> Markup:
     return large(boxes)
 
 
-def alarms(facts: Mapping[str, Any]) -> Markup:
+def alarms(facts: Named) -> Markup:
     """Alarms that a reader must not overlook: no design at all, a target that was missed, warnings of the search and of the best solve."""
     says = []
     if not facts.get("best"):
@@ -92,7 +93,7 @@ def alarms(facts: Mapping[str, Any]) -> Markup:
     return joined(tag("div", text, class_="alarm") for text in says)
 
 
-def search(facts: Mapping[str, Any]) -> Markup:
+def search(facts: Named) -> Markup:
     """Counts, why it ended, why trials failed, and the best of them."""
     refused = (
         f", {facts['refused']} were refused as less stable than the margin"
@@ -136,7 +137,7 @@ def search(facts: Mapping[str, Any]) -> Markup:
     return joined(parts)
 
 
-def _why(facts: Mapping[str, Any]) -> str:
+def _why(facts: Named) -> str:
     """Reason why the study ended."""
     ended = facts.get("ended")
     if ended == "stop":
@@ -153,7 +154,7 @@ def _why(facts: Mapping[str, Any]) -> str:
     )
 
 
-def importances(facts: Mapping[str, Any]) -> Markup:
+def importances(facts: Named) -> Markup:
     """Bars of PED-ANOVA's shares."""
     shares = facts.get("importances")
     if not shares:
@@ -185,7 +186,7 @@ def importances(facts: Mapping[str, Any]) -> Markup:
     return wide(tag("table", tag("tbody", *body), class_="bars")) + tag("p", words, class_="note")
 
 
-def accuracy(facts: Mapping[str, Any]) -> Markup:
+def accuracy(facts: Named) -> Markup:
     """The best design on a finer grid."""
     finer = facts.get("finer")
     if not isinstance(finer, Mapping):
@@ -255,7 +256,7 @@ def accuracy(facts: Mapping[str, Any]) -> Markup:
     return pairs(rows) + more + tag("p", note, class_="note")
 
 
-def motion(facts: Mapping[str, Any]) -> Markup:
+def motion(facts: Named) -> Markup:
     """The best design in time, against the equilibria of an insertion or the shapes of a schedule."""
     rows = facts.get("motion")
     if not rows:
@@ -271,7 +272,7 @@ def motion(facts: Mapping[str, Any]) -> Markup:
     return table(head, lines, class_="numbers") + tag("p", note, class_="note")
 
 
-def settings(facts: Mapping[str, Any]) -> Markup:
+def settings(facts: Named) -> Markup:
     """Settings of the search: what was searched, by what, and with which versions."""
     best = facts.get("best") or {}
     solved = (facts.get("result") or {}).get("versions") or {}
@@ -300,7 +301,7 @@ def settings(facts: Mapping[str, Any]) -> Markup:
     return joined(parts)
 
 
-def reproduce(facts: Mapping[str, Any]) -> Markup:
+def reproduce(facts: Named) -> Markup:
     """The one line, and the files that it needs."""
     parts = [tag("pre", facts["command"])]
     if not facts.get("study_file"):

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from magmpm.compiled.arrays import Named
 from magmpm.errors import in_words, significant, unitless
 from magmpm.viz.sheet.found import cite, large
 from magmpm.viz.sheet.markup import NOTHING, Markup, figure, joined, movie, pairs, table, tag
 from magmpm.viz.sheet.whole import document, section
 
 
-def goal_page(
-    report: Mapping[str, Any], facts: Mapping[str, Any], pictures: Sequence[tuple[Path, str]]
-) -> str:
+def goal_page(report: Named, facts: Named, pictures: Sequence[tuple[Path, str]]) -> str:
     """The page as HTML.
 
     facts: `command` that goes on; `scene`, the best design's file; `directions`, pairs of a region's name and its magnetization in the
@@ -48,7 +47,7 @@ def goal_page(
     return document(report["name"], joined(parts))
 
 
-def _answer(report: Mapping[str, Any]) -> Markup:
+def _answer(report: Named) -> Markup:
     """The figures that count, large."""
     boxes: list[tuple[str, str]] = []
     best = report["best"]
@@ -63,7 +62,7 @@ def _answer(report: Mapping[str, Any]) -> Markup:
     return large(boxes)
 
 
-def _alarms(report: Mapping[str, Any]) -> Markup:
+def _alarms(report: Named) -> Markup:
     """Alarms that a reader must not overlook."""
     says = list(report["warnings"])
     if report["best"] is None:
@@ -75,7 +74,7 @@ def _alarms(report: Mapping[str, Any]) -> Markup:
     return joined(tag("p", one, class_="alarm") for one in says)
 
 
-def _params(report: Mapping[str, Any]) -> Markup:
+def _params(report: Named) -> Markup:
     """Each number of the best design beside the scene's own."""
     begun = report["begun"]
     tied = report["tied"]
@@ -94,14 +93,14 @@ def _number(value: Any) -> str:
     return significant(value, 5) if isinstance(value, float) else str(value)
 
 
-def _directions(facts: Mapping[str, Any]) -> Markup:
+def _directions(facts: Named) -> Markup:
     rows = [(name, *(f"{x:+.4f}" for x in direction)) for name, direction in facts["directions"]]
     if not rows:
         return NOTHING
     return tag("h3", "Magnetization") + table(("region", "x", "y", "z"), rows, "numbers")
 
 
-def _measures(report: Mapping[str, Any]) -> Markup:
+def _measures(report: Named) -> Markup:
     """Goals and constraints of the best design."""
     values = report["best"]["values"] if report["best"] else ()
     rows = [
@@ -113,7 +112,7 @@ def _measures(report: Mapping[str, Any]) -> Markup:
     return table(("measure", "value", "bound"), rows)
 
 
-def _checks(report: Mapping[str, Any]) -> Markup:
+def _checks(report: Named) -> Markup:
     """The best design on more cells, and the noise around it."""
     rows: list[tuple[str, str]] = []
     finer = report["finer"]
@@ -132,7 +131,7 @@ def _checks(report: Mapping[str, Any]) -> Markup:
     return pairs(rows) if rows else NOTHING
 
 
-def _failed(report: Mapping[str, Any], most: int = 10) -> Markup:
+def _failed(report: Named, most: int = 10) -> Markup:
     """The last trials that failed."""
     rows = [(str(one["number"]), one["why"]) for one in report["failed"][-most:]]
     return table(("trial", "why"), rows) if rows else NOTHING

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from magmpm.compiled.arrays import Named
 from magmpm.errors import MagmpmError, install
 from magmpm.results.whole_file import whole_file
 from magmpm.viz.sheet import design, found
@@ -84,7 +84,7 @@ class Pictures:
     trials: list[tuple[Path, str]] = field(default_factory=list)
 
 
-def page(facts: Mapping[str, Any], pictures: Pictures) -> str:
+def page(facts: Named, pictures: Pictures) -> str:
     """The whole page as HTML."""
     notes: list[str] = list(facts["notes"])
     parts = [found.heading(facts), found.answer(facts), found.alarms(facts)]

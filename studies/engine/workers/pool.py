@@ -8,14 +8,16 @@ or while it starts, is ended and has died.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import wait
 from typing import Any
 
+from magmpm.compiled.arrays import Plain
 from magmpm.compiled.process import RAISED, READY, Died, Process, threads_each, with_threads
 from magmpm.errors import MagmpmError, report
 from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trial import Outcome
+from magmpm.studies.search.parameters import Parameters
 
 PROCESSES_PER_DESIGN = 2  # processes that a design may end before it counts as failed
 SECRETS = ("MAGMPM_STORAGE", "PGPASSWORD", "PGPASSFILE")  # of the storage, which workers do not see
@@ -55,7 +57,7 @@ class Pool:
         """Number of processes that have nothing to do."""
         return sum(worker.job is None for worker in self._workers)
 
-    def begin(self, number: int, params: Mapping[str, Any]) -> None:
+    def begin(self, number: int, params: Parameters) -> None:
         """Give a design to a process that is idle.
 
         Parameters
@@ -146,7 +148,7 @@ class _Worker(Process):
     """One process with its design."""
 
     def __init__(self, evaluator: Evaluator, threads: int) -> None:
-        self.job: tuple[int, dict[str, Any]] | None = None
+        self.job: tuple[int, Plain] | None = None
         self.tries = 0
         env = {name: value for name, value in with_threads(threads).items() if name not in SECRETS}
         super().__init__(
@@ -160,6 +162,6 @@ class _Worker(Process):
         )
 
 
-def _begin(_: object, *given: Any) -> Callable[[tuple[int, dict[str, Any]]], Outcome]:
+def _begin(_: object, *given: Any) -> Callable[[tuple[int, Plain]], Outcome]:
     evaluator = Evaluator(*given)
     return lambda job: evaluator.outcome(*job)

@@ -19,7 +19,7 @@ import socket
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -32,6 +32,7 @@ from optuna.exceptions import UpdateFinishedTrialError
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.errors import report
 from magmpm.studies.engine.storage import StorageError, Store
 from magmpm.studies.engine.storage_url import is_server
@@ -85,7 +86,7 @@ class PerTrial(BaseSampler):
         self,
         make: Callable[[int], BaseSampler],
         *,
-        starts: Sequence[Mapping[str, Any]] = (),
+        starts: Sequence[Named] = (),
         session: str | None = None,
         wait: bool = False,
     ) -> None:
@@ -116,7 +117,7 @@ class PerTrial(BaseSampler):
 
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
+    ) -> Plain:
         """The design of a trial."""
         assert self._inner is not None
         if self._given:
@@ -240,7 +241,7 @@ class Session:
             elif self._is_dead(trial, records):
                 self._take_up(trial)
 
-    def _now(self) -> tuple[Mapping[str, Any], list[FrozenTrial]]:
+    def _now(self) -> tuple[Named, list[FrozenTrial]]:
         """Records of the sessions, and the trials that run."""
         records = self.store(lambda: self.kept.user_attrs)
         running = (TrialState.RUNNING,)
@@ -263,7 +264,7 @@ class Session:
         """Note that this session has something to do."""
         self._said = time.monotonic()
 
-    def _described(self, trial: FrozenTrial, records: Mapping[str, Any]) -> str:
+    def _described(self, trial: FrozenTrial, records: Named) -> str:
         """Say who runs a trial, in words."""
         by = trial.user_attrs.get(SESSION)
         owner = records.get(RECORD + by) if by is not None else None
@@ -276,7 +277,7 @@ class Session:
             )
         return f"trial {trial.number}, by process {owner['pid']} on {str(owner['host']).split()[0]}"
 
-    def _listen(self, running: Sequence[FrozenTrial], records: Mapping[str, Any]) -> None:
+    def _listen(self, running: Sequence[FrozenTrial], records: Named) -> None:
         """Note for how long each session with a running trial, and each trial without a session, has been silent.
 
         Of a long time between two looks only two beats count: the server, or this machine, may have been away, and nobody could be heard.
@@ -333,7 +334,7 @@ class Session:
 
         self.store(end)
 
-    def _is_dead(self, trial: FrozenTrial, records: Mapping[str, Any]) -> bool:
+    def _is_dead(self, trial: FrozenTrial, records: Named) -> bool:
         """True if the session that runs a trial is gone."""
         by = trial.user_attrs.get(SESSION)
         owner = records.get("process" if by is None else RECORD + by, {})
@@ -416,7 +417,7 @@ def _runner(trial: FrozenTrial) -> str:
     return str(trial.user_attrs.get(SESSION) or f"trial {trial.number}")
 
 
-def this_process(out: Path) -> dict[str, Any]:
+def this_process(out: Path) -> Plain:
     """Identify this process: its number means something on its own host alone, and there until the number is given to another.
 
     Parameters
@@ -451,7 +452,7 @@ def here() -> str:
         return socket.gethostname()
 
 
-def alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
+def alive(owner: Named, out: Path, age: float) -> bool:
     """Tell whether the process that last took up a study may still be running its trial.
 
     Parameters

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError
 from magmpm.fields.schedule import places
 from magmpm.inputs.vectors import angles_of
@@ -57,7 +58,7 @@ class Control:
             f" {'°' if self.unit == 'deg' else self.unit}"
         )
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> Plain:
         """Plain data."""
         return asdict(self)
 
@@ -288,7 +289,7 @@ def saved(
     return load_scene(path)
 
 
-def _put_inserted(content: dict[str, Any], shown: Scene) -> None:
+def _put_inserted(content: Plain, shown: Scene) -> None:
     """Put the part outside the guide in place of the whole catheter; it is clamped at the exit."""
     catheter = shown.body.catheter
     assert catheter is not None  # only catheters are inserted

@@ -19,10 +19,11 @@ import copy
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from optuna.trial import FrozenTrial
 
+from magmpm.compiled.arrays import Named, Plain
 from magmpm.studies.search.samplers.blocks import Array, Ball, Block
 from magmpm.studies.search.samplers.gauss_newton import (
     PLAN,
@@ -126,7 +127,7 @@ class BoundedFront(PlanningSampler):
 
     def plan(
         self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
-    ) -> tuple[dict[str, float], dict[str, Any]]:
+    ) -> tuple[dict[str, float], Plain]:
         """Parameters of the next trial, and what is kept with it."""
         busy = {_bound_of(t) for t in running}
         last = _bound_of(trials[-1]) if trials else None
@@ -147,7 +148,7 @@ class BoundedFront(PlanningSampler):
         trials: Sequence[FrozenTrial],
         running: Sequence[FrozenTrial],
         near: float,
-    ) -> tuple[dict[str, float], dict[str, Any]] | None:
+    ) -> tuple[dict[str, float], Plain] | None:
         """The next design within a bound; None where its trials are used up, or its best is near enough."""
         here = [t for t in trials if _bound_of(t) == bound]
         known = [t.params for t in [*trials, *running]]
@@ -259,13 +260,13 @@ def _wins_little(trial: FrozenTrial, trials: Sequence[FrozenTrial]) -> bool:
     return bool(1.0 - LEAST_PROGRESS < value_of(trial) / value_of(before) <= 1.0)
 
 
-def _promises(kept: Mapping[str, Any], trials: Sequence[FrozenTrial]) -> bool:
+def _promises(kept: Named, trials: Sequence[FrozenTrial]) -> bool:
     """True if a step is worth a trial by what it promises."""
     cost = next(cost_of(t) for t in trials if t.number == kept["from"])
     return bool(kept["promised"] > (1.0 - (1.0 - LEAST_PROGRESS) ** 2) * cost)
 
 
-def _is_among(params: Mapping[str, float], known: Sequence[Mapping[str, Any]]) -> bool:
+def _is_among(params: Mapping[str, float], known: Sequence[Named]) -> bool:
     """True if a design is one of those known."""
     return any(all(other[name] == value for name, value in params.items()) for other in known)
 

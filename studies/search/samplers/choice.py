@@ -10,10 +10,11 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError, require
 from magmpm.scene.variables import variables
 from magmpm.studies.problem.sampler_names import (
@@ -41,7 +42,7 @@ MOST_WORKERS = 256  # processes of one session
 POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
 
 # of samplers that are Optuna's own, besides the seed
-_GENETIC: dict[str, Any] = {"population_size": POPULATION}
+_GENETIC: Plain = {"population_size": POPULATION}
 _OPTIONS = {
     "NSGAIISampler": _GENETIC,
     "NSGAIIISampler": _GENETIC,
@@ -113,8 +114,8 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
         try:
             variables(study.scene, space.sensitivities)
         except InputError as error:
-            rule = str(error).splitlines()
-            said = f"{rule[0].partition(': ')[2]}: {rule[1].strip().removeprefix('rule: ')}"
+            at, rule, *_ = str(error).splitlines()
+            said = f"{at.partition(': ')[2]}: {rule.strip().removeprefix('rule: ')}"
             return f"gauss-newton needs derivatives, and {said}", "sampler: tpe"
     if study.margin is not None and name in HEED_NO_CONSTRAINTS:
         rule = f"{name} would learn from designs that `stability` refuses as from others"
@@ -216,7 +217,7 @@ def check_workers(workers: int | None, time_limit: float | None = None) -> None:
         )
 
 
-def settings(name: str) -> dict[str, Any]:
+def settings(name: str) -> Plain:
     """Find a sampler's settings. They belong to the study's definition, because other settings give other trials.
 
     Parameters
@@ -242,7 +243,7 @@ def settings(name: str) -> dict[str, Any]:
     return {}
 
 
-def whole_definition(study: Study, parameters: Iterable[str]) -> dict[str, Any]:
+def whole_definition(study: Study, parameters: Iterable[str]) -> Plain:
     """Collect all that decides which trials are made: the study's definition, with its parameters and its sampler's settings.
 
     Parameters

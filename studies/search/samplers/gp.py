@@ -22,7 +22,7 @@ from optuna.trial import FrozenTrial, TrialState
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.studies.search.parameters import corner_of
 from magmpm.studies.search.samplers.blocks import Ball, Direction
 from magmpm.studies.search.samplers.optuna_ids import other_trials, value_of
@@ -343,7 +343,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
 
     def sample_relative(
         self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
+    ) -> Plain:
         ended, running, before = other_trials(study, trial, search_space)
         trials = [t for t in ended if t.state == TrialState.COMPLETE]
         if len(trials) + before < self._settings.alike:

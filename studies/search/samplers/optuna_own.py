@@ -11,6 +11,7 @@ from optuna.distributions import BaseDistribution
 from optuna.samplers import BaseSampler, CmaEsSampler, QMCSampler
 from optuna.trial import FrozenTrial
 
+from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError
 from magmpm.studies.search.parameters import SegmentDirection
 from magmpm.studies.search.search_space import SearchSpace
@@ -132,7 +133,7 @@ class FieldsByRod(BaseSampler):
 
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
+    ) -> Plain:
         chosen = {name: kind for name, kind in search_space.items() if name in self.names}
         found = self.base.sample_relative(study, trial, chosen)
         for name, kind in chosen.items():

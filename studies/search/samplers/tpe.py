@@ -22,7 +22,7 @@ import optuna
 from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import FrozenTrial, TrialState
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Plain
 from magmpm.studies.search.objectives import ranked
 from magmpm.studies.search.parameters import TETRAHEDRON, corner_of
 from magmpm.studies.search.samplers.blocks import unit
@@ -114,7 +114,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
 
     def sample_relative(
         self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
+    ) -> Plain:
         ended, running, before = other_trials(study, trial, search_space)
         trials = [t for t in ended if t.state == TrialState.COMPLETE]
         if len(trials) + before < len(TETRAHEDRON):
@@ -145,9 +145,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
             [trials[i] for i in order],
         )
 
-    def _with_choices(
-        self, parameters: dict[str, Any], ordered: Sequence[FrozenTrial]
-    ) -> dict[str, Any]:
+    def _with_choices(self, parameters: Plain, ordered: Sequence[FrozenTrial]) -> Plain:
         """The parameters with a value of each choice: that of a good trial, or any.
 
         Any has the weight PRIOR_OF_CHOICES next to the good trials' weight of 1 each; `ordered`: the trials, best first. A choice has no
