@@ -32,7 +32,7 @@ from magmpm.bodies.grid import (
 from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.wetted_surface import WettedSurface
-from magmpm.compiled.arrays import Array, Index, Mask, Plain
+from magmpm.compiled.arrays import Array, Index, Mask, NamedNumbers, Plain
 from magmpm.effects import acting as effects
 from magmpm.effects.contact_law import own_friction
 from magmpm.effects.hooks import has_hook
@@ -146,7 +146,7 @@ class Model:
     effects: tuple[NDArray[Any], ...]  # records and data of each effect, in turn
     # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
     modes: Array
-    section: dict[str, float]  # relative errors of area and second moment
+    section: NamedNumbers  # relative errors of area and second moment
     held: Mask  # (n,) particles of parts that can't move
     # the grid's lower x face stays at rest: node 0 along x is eliminated
     # (bodies.grid.clamp_first_node)

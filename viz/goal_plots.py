@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from magmpm.compiled.arrays import Named
+from magmpm.compiled.arrays import Named, NamedNumbers
 from magmpm.errors import shown_unit, significant
 from magmpm.viz import style
 from magmpm.viz.plots import LOOK, saved
@@ -161,7 +161,7 @@ def _that_change(rows: Sequence[Named], varied: Sequence[str], least: float = 1e
         for key, value in row.items():
             if key not in varied and isinstance(value, (int, float)):
                 found.setdefault(key, []).append(value)
-    largest: dict[str, float] = {}
+    largest: NamedNumbers = {}
     for key, values in found.items():
         unit = key.rpartition("_")[2]
         largest[unit] = max(largest.get(unit, 0.0), max(map(abs, values)))

@@ -15,7 +15,7 @@ from magmpm.bodies.contact_surface import SurfacePoints
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.wetted_surface import WettedSurface
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, NamedNumbers
 from magmpm.inputs.settings import Key, Settings
 from magmpm.inputs.vectors import Vector
 
@@ -52,7 +52,7 @@ class Discretization:
 
     grid: Grid
     particles: Particles
-    errors: dict[str, float]
+    errors: NamedNumbers
     planes: tuple[ClampPlane, ...] = ()
 
 

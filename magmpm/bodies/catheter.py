@@ -20,7 +20,7 @@ from magmpm.bodies.section_quadrature import (
 )
 from magmpm.bodies.segments import MAX_SEGMENTS, Section, Segment, StraightBody, ring
 from magmpm.bodies.wetted_surface import WettedSurface, wetted_rod
-from magmpm.compiled.arrays import Array, Named
+from magmpm.compiled.arrays import Array, Named, NamedNumbers
 from magmpm.inputs.messages import Instead
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Length, Quantity, Width, fault
@@ -165,7 +165,7 @@ class Catheter(StraightBody):
         return middle * math.sqrt(middle / wall)
 
     @property
-    def radii(self) -> dict[str, float]:
+    def radii(self) -> NamedNumbers:
         """Outer and inner radius, m."""
         return {"outer": self.diameter / 2, "inner": self.inner_diameter / 2}
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.curves import face_normals
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.section_quadrature import Particles, gauss
-from magmpm.compiled.arrays import Array, Index, Mask
+from magmpm.compiled.arrays import Array, Index, Mask, NamedNumbers
 from magmpm.errors import SceneError
 
 _A = (6 - 15**0.5) / 21
@@ -352,7 +352,7 @@ def _points(moments: Array, cube: Array) -> Array:
     return centroid[:, None, :] + pull[:, None, None] * away
 
 
-def part_errors(particles: Particles, parts: list[Array]) -> dict[str, float]:
+def part_errors(particles: Particles, parts: list[Array]) -> NamedNumbers:
     """Largest errors over the parts (each (f, 3, 3) m): of volume, relative; centroid, over the size; second moments, over their trace."""
     errors = np.zeros(3)
     for k, triangles in enumerate(parts):

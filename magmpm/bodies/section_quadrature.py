@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.grid import EVEN, Grid, Knots, runs_along
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, NamedNumbers
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def rod_particles(
 
 
 def _cells_across(grid: Grid) -> Index:
-    """Numbers (r, 2) along y and z of a section's cells."""
+    """NamedNumbers (r, 2) along y and z of a section's cells."""
     _, ny, nz = grid.cells
     return np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
 
@@ -294,7 +294,7 @@ def strip_particles(
     return extruded(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
 
 
-def strip_errors(particles: Particles, size: Array) -> dict[str, float]:
+def strip_errors(particles: Particles, size: Array) -> NamedNumbers:
     """Relative errors of a strip's section: area, and second moment about y, against b t and b t^3/12. size (3,) m."""
     area = size[1] * size[2]
     z = particles.position[:, 2]
@@ -308,7 +308,7 @@ def strip_errors(particles: Particles, size: Array) -> dict[str, float]:
 
 def section_errors(
     particles: Particles, *, outer: float, inner: float, length: float
-) -> dict[str, float]:
+) -> NamedNumbers:
     """Relative errors of the particles' section: area and the two second moments against pi (R^2 - r^2) and pi/4 (R^4 - r^4)."""
     area = np.pi * (outer**2 - inner**2)
     moment = np.pi / 4 * (outer**4 - inner**4)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.cli.page_server import Routes
-from magmpm.compiled.arrays import Named, Plain
+from magmpm.compiled.arrays import Named, NamedNumbers, Plain
 from magmpm.errors import InputError, MagmpmError, lengths
 from magmpm.results.file_names import MOTION
 from magmpm.results.result import Result
@@ -135,7 +135,7 @@ class ShapeView:
         """End the solver."""
         self._solver.close()
 
-    def _values(self, request: Any) -> dict[str, float]:
+    def _values(self, request: Any) -> NamedNumbers:
         return checked(
             self.controls, request.get("values", {}) if isinstance(request, Mapping) else None
         )
@@ -152,7 +152,7 @@ class ShapeView:
 
 
 def _numbers(result: Result, rms: float | None) -> list[Plain]:
-    """Numbers shown next to the shape: label, text, and whether it is cause for alarm."""
+    """NamedNumbers shown next to the shape: label, text, and whether it is cause for alarm."""
     rows: list[tuple[str, str, bool]] = (
         [] if result.tip is None else [("tip", lengths(result.tip), False)]
     )

@@ -11,3 +11,4 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Plain = dict[str, Any]  # plain data by key: what files, reports and databases keep
 Named = Mapping[str, Any]  # values by name, which are read
+NamedNumbers = dict[str, float]  # numbers by name

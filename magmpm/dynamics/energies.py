@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from magmpm import materials
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.compiled.jit import compiled
 from magmpm.effects import acting, viscosity
 from magmpm.effects.base import BodyEffect, Contact, Records
@@ -50,7 +50,7 @@ def add_effects_stress(model: Model, x: Array, F: Array, named: tuple[Any, ...],
         loads(rows(named, "load"), model.remanence, model.density, x, F, P, force)
 
 
-def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, float]:
+def effect_energies(model: Model, x: Array, F: Array, time: float) -> NamedNumbers:
     """Potential energy of each named effect that has one, J."""
     found = {}
     for key, effect in model.scene.effects.named().items():
@@ -97,7 +97,7 @@ class MeasuredState(NamedTuple):
     """Stress P (n, 3, 3) Pa, energies (J) and contacts by name, at one time."""
 
     P: Array
-    energies: dict[str, float]
+    energies: NamedNumbers
     contacts: dict[str, Contact]
 
 

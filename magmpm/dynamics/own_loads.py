@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Plain
+from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.effects import acting
 from magmpm.effects.base import Records
 from magmpm.model import Model
@@ -64,8 +64,8 @@ class OwnLoads:
             None  # tables as computed, and the steps since
         )
 
-    def state(self) -> dict[str, float]:
-        """Numbers that `restore` needs, at a frame."""
+    def state(self) -> NamedNumbers:
+        """NamedNumbers that `restore` needs, at a frame."""
         return {"own_added": self.added, "own_scale": self.scale, "own_rate": self._rate} | (
             {} if self._start is None else {"own_start": self._start}
         )

@@ -40,7 +40,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Plain
+from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.dynamics.energies import loads_conserve, loses, measure, volume_change
 from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion, take
 from magmpm.dynamics.watchdog import Trouble
@@ -66,8 +66,8 @@ class StableStep:
     isolated: float
     wave: float
     body: float
-    effects: dict[str, float]
-    viscous: dict[str, float]
+    effects: NamedNumbers
+    viscous: NamedNumbers
     schedule: float | None = None
 
     @property
@@ -81,13 +81,13 @@ class StableStep:
         counting = {"body": self.body} | self.effects | self.viscous | self._of_schedule
         return min(counting, key=counting.__getitem__)
 
-    def largest_beside(self, body: float, viscous: dict[str, float]) -> float:
+    def largest_beside(self, body: float, viscous: NamedNumbers) -> float:
         """Largest stable step, s, with other bounds for the body and its viscosity."""
         others = self.effects | viscous | self._of_schedule
         return min([body, *others.values()])
 
     @property
-    def named(self) -> dict[str, float]:
+    def named(self) -> NamedNumbers:
         """Every bound by name, s."""
         return {
             "isolated": self.isolated,
@@ -99,7 +99,7 @@ class StableStep:
         }
 
     @property
-    def _of_schedule(self) -> dict[str, float]:
+    def _of_schedule(self) -> NamedNumbers:
         return {} if self.schedule is None else {"schedule": self.schedule}
 
 
@@ -167,7 +167,7 @@ def body_step(motion: TotalMotion) -> float:
     return float(2.0 / np.sqrt(_fastest(motion, returning)))
 
 
-def viscous_step(motion: TotalMotion, body: float) -> dict[str, float]:
+def viscous_step(motion: TotalMotion, body: float) -> NamedNumbers:
     """Largest stable step, s, of the body's viscosity beside its elastic stress, by the effect's key; body: their step without it, s.
 
     {} where there is no such stress.

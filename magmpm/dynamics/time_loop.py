@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Plain
+from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.step_control import StableStep, StepControl, speed_of_sound, stable_step
@@ -50,7 +50,7 @@ class SimulationState:
     v: Array = field(default_factory=lambda: np.zeros((0, 3)))
     F: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     P: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    energies: dict[str, float] = field(default_factory=dict)
+    energies: NamedNumbers = field(default_factory=dict)
     contacts: Plain = field(default_factory=dict)
     largest: dict[str, tuple[float, float]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)

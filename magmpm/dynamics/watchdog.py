@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Plain
+from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.compiled.jit import compiled
 from magmpm.effects.acting import driven_speed
 from magmpm.effects.body_reach import FARTHEST_MOVE
@@ -151,8 +151,8 @@ class EnergyBalance:
     least: float = np.inf
     kinetic: float = 0.0
 
-    def state(self) -> dict[str, float]:
-        """Numbers that `restored` needs."""
+    def state(self) -> NamedNumbers:
+        """NamedNumbers that `restored` needs."""
         return {"balance_least": self.least, "balance_kinetic": self.kinetic}
 
     @classmethod
@@ -160,7 +160,7 @@ class EnergyBalance:
         """Balance restored from the values of a checkpoint; an older checkpoint has none, and the balance begins there."""
         return cls(state.get("balance_least", np.inf), state.get("balance_kinetic", 0.0))
 
-    def check(self, energies: dict[str, float], rounding: float = 1e-15) -> Trouble | None:
+    def check(self, energies: NamedNumbers, rounding: float = 1e-15) -> Trouble | None:
         """Failure of the energies of a frame, J, if any; rounding: J, that the sum of energies may be off by (`energy_rounding`)."""
         total = sum(energies.values())
         self.kinetic = max(self.kinetic, energies["kinetic"])

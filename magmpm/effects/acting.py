@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
-from magmpm.compiled.arrays import Array, Named, Plain
+from magmpm.compiled.arrays import Array, Named, NamedNumbers, Plain
 from magmpm.effects.base import (
     PHASES,
     BodyChange,
@@ -364,7 +364,7 @@ def passed(scene: SceneLike, x: Array) -> str | None:
     )
 
 
-def stable_steps(model: Any) -> dict[str, float]:
+def stable_steps(model: Any) -> NamedNumbers:
     """The largest stable step (s) of each named effect that sets one."""
     named = model.scene.effects.named().items()
     acting = {

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
 from magmpm.effects.calls import pushes_on, rows
 from magmpm.effects.contact_force import GRIP, LEAST_FRICTION, RIGIDITY
@@ -151,7 +151,7 @@ def obstacle_contacts(
     return found
 
 
-def springs(contacts: Mapping[str, Contact]) -> dict[str, float]:
+def springs(contacts: Mapping[str, Contact]) -> NamedNumbers:
     """Energy (J) of the springs of each contact of the whole body, of which those of its parts are shares."""
     return {key: contact["energy"] for key, contact in contacts.items() if PAIR not in key}
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Named, Plain
+from magmpm.compiled.arrays import Array, Named, NamedNumbers, Plain
 from magmpm.errors import InputError, length, quantity
 from magmpm.results.whole_file import whole_file
 
@@ -76,7 +76,7 @@ def jump_in_words(jump: Named) -> str:
 
 
 class GrowingTable:
-    """A CSV file that grows; its first row names the columns. Numbers keep all digits."""
+    """A CSV file that grows; its first row names the columns. NamedNumbers keep all digits."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -117,7 +117,7 @@ class GrowingTable:
             unfinished.write_text("".join([header, *kept]), encoding="utf-8")
 
 
-def energy_row(time: float, energies: Mapping[str, float]) -> dict[str, float]:
+def energy_row(time: float, energies: Mapping[str, float]) -> NamedNumbers:
     """Row of energies.csv: t (s), then J: each energy, and their total."""
     return {"t": time, **energies, "total": sum(energies.values())}
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.assembly import different_names
-from magmpm.compiled.arrays import Array, Named, Plain
+from magmpm.compiled.arrays import Array, Named, NamedNumbers, Plain
 from magmpm.errors import InputError, count, length, lengths, quantity, report, require
 from magmpm.inputs.user_files import MOST_JSON_BYTES, read_regular
 from magmpm.results import notices
@@ -281,13 +281,13 @@ class Result:
     min_det_F: float  # no unit
     max_det_F: float  # no unit
     energy: float  # J, counted from the undeformed body in the same field
-    section: dict[str, float]
-    seconds: dict[str, float]
+    section: NamedNumbers
+    seconds: NamedNumbers
     warnings: list[str] = dataclasses.field(default_factory=list)
     versions: dict[str, str] = dataclasses.field(default_factory=dict)
     time: float = 0.0  # s that a motion has lasted; iterations are its steps
     time_step: float = 0.0  # s
-    stable_steps: dict[str, float] = dataclasses.field(
+    stable_steps: NamedNumbers = dataclasses.field(
         default_factory=dict
     )  # s, the bounds on the time step at the start
     formulation: str = "static"  # or quasi_static, total; of old files, updated

@@ -23,7 +23,7 @@ import numpy as np
 
 from magmpm.bodies.curves import tightest_radius
 from magmpm.bodies.polar_grid import PolarGrid
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.compiled.jit import compiled
 from magmpm.materials import determinant, poisson_ratio
 from magmpm.model import Model
@@ -140,13 +140,13 @@ class Strain:
             )
         return found
 
-    def state(self) -> dict[str, float]:
+    def state(self) -> NamedNumbers:
         """Write the strain as plain numbers, from which `restored` makes the same one.
 
         Returns
         -------
         dict[str, float]
-            Numbers by name.
+            NamedNumbers by name.
         """
         return {
             f"strain_{name}": value

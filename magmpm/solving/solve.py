@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Plain
+from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.effects import acting as effects
 from magmpm.effects.base import Contact
@@ -171,7 +171,7 @@ def along_path(
     return result, equilibrium
 
 
-def with_state(error: SolveError, seconds: dict[str, float]) -> SolveError:
+def with_state(error: SolveError, seconds: NamedNumbers) -> SolveError:
     """The error with its last good equilibrium as a Result, if that is known and finite; else with none."""
     last = error.state
     known = isinstance(last, Equilibrium) and last.model is not None
@@ -289,7 +289,7 @@ def _shown(on_frame: OnFrame | None) -> Callable[[PathState], None] | None:
     return see
 
 
-def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:
+def _path_result(state: PathState, seconds: NamedNumbers, failure: str = "") -> Result:
     shape = state.shape
     last: Plain = next(reversed(state.rows), {"iterations": state.iterations, "stability": None})
     return _result(
@@ -318,7 +318,7 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
     )
 
 
-def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: str = "") -> Result:
+def _moved_result(moved: SimulationState, seconds: NamedNumbers, failure: str = "") -> Result:
     model = moved.motion.model
     J = np.linalg.det(moved.F)
     axis, tip, _ = measures.of_particles(model, moved.x)
@@ -405,7 +405,7 @@ def _result(
 
 
 def result_of(
-    model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = ""
+    model: StaticModel, found: Equilibrium, seconds: NamedNumbers, failure: str = ""
 ) -> Result:
     point = found.point
     position = point.position

@@ -12,7 +12,7 @@ import optuna
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
-from magmpm.compiled.arrays import Plain
+from magmpm.compiled.arrays import NamedNumbers, Plain
 from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.explain_miss import findings
@@ -100,7 +100,7 @@ class StudySession:
         self.store = store
         self.note = note
         self.distributions = self.space.distributions()
-        self.starts: list[dict[str, float]] = []
+        self.starts: list[NamedNumbers] = []
         held = records.designs(out)
         if held:
             must_exist(store.url, out)
@@ -163,7 +163,7 @@ class StudySession:
 
         return error if self.memory is None else self.memory.told(error, make)
 
-    def rod_starts(self) -> list[dict[str, float]]:
+    def rod_starts(self) -> list[NamedNumbers]:
         """Find the rod's best designs, if this study begins with them. They are found once and kept with the study.
 
         Returns

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array, Named, Plain
+from magmpm.compiled.arrays import Array, Named, NamedNumbers, Plain
 from magmpm.errors import SolveError
 from magmpm.results.measures import centreline_at
 from magmpm.results.whole_file import whole_file
@@ -113,7 +113,7 @@ class Trajectory(Evaluation, ABC):
         """The rods among which designs are sought: numbers within bounds are in the middle."""
         return self._way(self.space.scene)
 
-    def rod_starts(self, note: Note = silent) -> list[dict[str, float]]:
+    def rod_starts(self, note: Note = silent) -> list[NamedNumbers]:
         """None where directions or the fields of each equilibrium are not varied."""
         space, (starts, wanted) = self.space, self.sought
         if space.field_max is None or space.fields != len(self.places) or not space.segments:
@@ -131,7 +131,7 @@ class Trajectory(Evaluation, ABC):
         )
         return [self.parameters(design) for design in found[:wanted]]
 
-    def parameters(self, design: RodTrajectoryDesign) -> dict[str, float]:
+    def parameters(self, design: RodTrajectoryDesign) -> NamedNumbers:
         """Write a rod's design as the study's parameters; numbers within bounds are in the middle.
 
         Parameters
@@ -215,7 +215,7 @@ class Trajectory(Evaluation, ABC):
             for k, (field, square, result) in enumerate(each)
         ]
 
-    def field_changes(self, params: Parameters) -> dict[str, float]:
+    def field_changes(self, params: Parameters) -> NamedNumbers:
         """Find the changes of the field from one equilibrium to the next.
 
         Parameters

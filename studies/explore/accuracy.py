@@ -14,7 +14,7 @@ from time import perf_counter
 import numpy as np
 
 from magmpm.bodies.curves import linear
-from magmpm.compiled.arrays import Array, Plain
+from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.errors import InputError, SolveError
 from magmpm.materials import young_modulus
 from magmpm.model import build
@@ -61,7 +61,7 @@ class Rung:
     seconds: float  # median, kernels compiled
     error_finest: float | None
     error_reference: float | None
-    split: dict[str, float]  # s: setup, compile, solve, of the last run
+    split: NamedNumbers  # s: setup, compile, solve, of the last run
     matrix_bytes: float  # of the factorized matrix, the largest part of the memory
     bar: (
         float | None

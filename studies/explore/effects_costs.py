@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import numba
 import numpy as np
 
-from magmpm.compiled.arrays import Plain
+from magmpm.compiled.arrays import NamedNumbers, Plain
 from magmpm.compiled.thread_count import one_blas_thread
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.acting import Effects
@@ -33,7 +33,7 @@ Run = Callable[[], object]
 Timed = Callable[[Scene], float]
 
 
-def costs(scene: Scene) -> dict[str, float]:
+def costs(scene: Scene) -> NamedNumbers:
     """Per cent that each effect by itself adds to a scene's cost.
 
     Parameters

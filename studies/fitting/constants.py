@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import divided
 from magmpm.scene import Scene
@@ -335,7 +335,7 @@ def diameter_of(scene: Scene) -> list[Constant]:
     return [] if scene.body.catheter is None else _started(scene, variables(scene, [GEOMETRY]))
 
 
-def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[Constant, ...]:
+def with_known(constants: Sequence[Constant], known: NamedNumbers) -> tuple[Constant, ...]:
     """Add to constants what is known of them beforehand.
 
     Parameters

@@ -17,7 +17,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import GEOMETRY, Constant, constants_of, diameter_of
@@ -44,7 +44,7 @@ class Suspect:
     probability : float
         That chance explains as much.
     x : array (k + q,), no unit
-        Numbers of the fit's constants and of its own, with it freed where it is doubted.
+        NamedNumbers of the fit's constants and of its own, with it freed where it is doubted.
     errors : array (k,), no unit
         Standard errors of the fit's.
     degrees : float
@@ -110,7 +110,7 @@ class Suspect:
 
 def suspects_of(
     prediction: Prediction, best: LeastSquares, weights: Array, degrees: int, known_noise: bool
-) -> tuple[tuple[Suspect, ...], dict[str, dict[str, float]]]:
+) -> tuple[tuple[Suspect, ...], dict[str, NamedNumbers]]:
     """Find what may not be exact, and how it would move the constants.
 
     Parameters
@@ -152,7 +152,7 @@ def suspects_of(
     moved = -np.linalg.lstsq(best.slopes, slopes, rcond=None)[0]
     left = slopes + best.slopes @ moved
     found = []
-    moves = dict[str, dict[str, float]]()
+    moves = dict[str, NamedNumbers]()
     for name, group in groups:
         at = [k + freed.index(constant) for constant in group]
         sizes = (moved[:, at[0]] if len(at) == 1 else np.linalg.norm(moved[:, at], axis=1)).tolist()

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
@@ -297,7 +297,7 @@ def fit(
     ]
     shift = None
     suspects = None
-    moves: dict[str, dict[str, float]] = {}
+    moves: dict[str, NamedNumbers] = {}
     if thorough and not scene.in_time:
         shift = search.on_finer_grid(best, sigmas, covariance)
         suspects, moves = suspects_of(

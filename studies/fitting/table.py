@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, NamedNumbers
 from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_lines
 from magmpm.inputs.quantities import KINDS, divided
@@ -392,7 +392,7 @@ def read_measured(
     kind = _kind(header, columns)
     named = {column.quantity for column in columns if column.quantity}
     _fit_together(header, named, scene, kind)
-    grouped: dict[_State, list[tuple[int, dict[str, float]]]] = {}
+    grouped: dict[_State, list[tuple[int, NamedNumbers]]] = {}
     for count, line in enumerate(lines):
         if count >= MAX_ROWS:
             raise TableError(
@@ -421,7 +421,7 @@ def read_measured(
     return Measurements(path, kind, states, tuple(column.title for column in columns), axes)
 
 
-def _readings(state: _State, rows: list[tuple[int, dict[str, float]]], prefix: str) -> Readings:
+def _readings(state: _State, rows: list[tuple[int, NamedNumbers]], prefix: str) -> Readings:
     """The rows of one state."""
 
     def column(name: str) -> Array:
@@ -617,7 +617,7 @@ def _fit_together(header: CsvLine, named: set[str], scene: Scene, kind: str) -> 
 
 def _row(
     line: CsvLine, columns: list[_Column], named: set[str], kind: str, scene: Scene
-) -> dict[str, float]:
+) -> NamedNumbers:
     """The numbers of a row in SI; cells that are empty are left out. Raises TableError."""
     cells = line.cells
     if len(cells) != len(columns):
@@ -626,7 +626,7 @@ def _row(
             "check this row; leave a cell empty where nothing was measured",
             f"{len(cells)} cells",
         )
-    values: dict[str, float] = {}
+    values: NamedNumbers = {}
     for column, text in zip(columns, cells, strict=True):
         if not column.quantity or not text:
             continue
@@ -680,7 +680,7 @@ def _number(line: CsvLine, column: _Column, text: str) -> float:
     return value
 
 
-def _within(line: CsvLine, values: dict[str, float], scene: Scene) -> None:
+def _within(line: CsvLine, values: NamedNumbers, scene: Scene) -> None:
     """Raises TableError for places off the body, and moments that the scene does not reach."""
     s = values.get("s")
     t = values.get("t")
@@ -709,7 +709,7 @@ def _within(line: CsvLine, values: dict[str, float], scene: Scene) -> None:
         )
 
 
-def _field_of(values: dict[str, float], scene: Scene) -> Vector | None:
+def _field_of(values: NamedNumbers, scene: Scene) -> Vector | None:
     """The uniform field (T) of a row; components without a column are the scene's."""
     if "field" in values:
         uniform = np.array(scene.field.uniform)

@@ -12,7 +12,7 @@ import numpy as np
 from optuna.distributions import FloatDistribution
 from scipy.optimize import minimize
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 
 Slopes = tuple[
     Array, Array
@@ -26,7 +26,7 @@ class Enough(Exception):
 def descend(
     ranges: Mapping[str, FloatDistribution],
     begun: Mapping[str, float],
-    tried: Callable[[dict[str, float]], Slopes | None],
+    tried: Callable[[NamedNumbers], Slopes | None],
     steps: int,
     units: float = 10.0,
 ) -> None:

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from magmpm.compiled.arrays import NamedNumbers
 from magmpm.errors import InputError, in_words, shown_unit, undotted
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
@@ -161,7 +162,7 @@ class GoalStudy:
         """The bounds of each constraint by its place in the file."""
         return {f"subject_to[{k}]": of for k, of in enumerate(self.bounds)}
 
-    def values(self, numbers: dict[str, float]) -> tuple[list[float], list[float]]:
+    def values(self, numbers: NamedNumbers) -> tuple[list[float], list[float]]:
         """A trial's values, as Optuna compares them, and how far it is beyond each bound, as a share of it; of targets what they miss, of
         several its root mean square."""
         values = [

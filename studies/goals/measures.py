@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.arrays import Array, Index, NamedNumbers
 from magmpm.errors import PAIR, InputError, MagmpmError, in_mm, length, quantity
 from magmpm.inputs.csv_tables import named_table, read_centreline
 from magmpm.inputs.messages import Instead
@@ -345,7 +345,7 @@ class ContactForce(Smooth):
         return np.sum([sign * answer.pushes(name) for name, sign in names.items()], axis=0)
 
     def _counted(self, answer: Answer, sizes: Array) -> tuple[Index, Array]:
-        """Numbers (k,) of the moments that count, and by how much (k,): in a mean by their share of the time."""
+        """NamedNumbers (k,) of the moments that count, and by how much (k,): in a mean by their share of the time."""
         if self.over != "mean" or len(sizes) == 1:
             return np.array(
                 [sizes.argmax() if self.over == "largest" else len(sizes) - 1]
@@ -359,7 +359,7 @@ class ContactForce(Smooth):
         moments, share = self._counted(answer, sizes)
         return float(share @ sizes[moments])
 
-    def named(self, scene: Scene, at: str) -> dict[str, float]:
+    def named(self, scene: Scene, at: str) -> NamedNumbers:
         """Contacts, as contacts.csv names them, whose forces with these signs add up to this one. Raises InputError."""
         effects = scene.effects.named()
         parts = [region.name for region in scene.regions()]

@@ -17,6 +17,7 @@ import numpy as np
 from optuna.distributions import FloatDistribution
 from optuna.trial import TrialState
 
+from magmpm.compiled.arrays import NamedNumbers
 from magmpm.compiled.process import Died
 from magmpm.errors import InputError, MagmpmError, in_one_line, in_words
 from magmpm.results.result import Result
@@ -221,7 +222,7 @@ class _Seeking:
             if SLOPES in trial.user_attrs or WHY in trial.user_attrs
         }
 
-        def tried(params: dict[str, float]) -> Slopes | None:
+        def tried(params: NamedNumbers) -> Slopes | None:
             at = tuple(params.values())
             if at not in stored:
                 if self._finished() >= count:
@@ -273,7 +274,7 @@ class _Seeking:
         return np.array(values), np.array(slopes)
 
     def _with_slopes(
-        self, params: dict[str, float], ranges: dict[str, FloatDistribution]
+        self, params: NamedNumbers, ranges: dict[str, FloatDistribution]
     ) -> list[Any] | None:
         """The rows of a trial with these parameters, whose measures get derivatives; None where it fails."""
         self.known.enqueue_trial(params)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from optuna.distributions import FloatDistribution
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, value_at, written
@@ -25,8 +25,9 @@ from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.measures import Measure, OneMeasure, Slopes, Smooth
 from magmpm.studies.problem.shape_distance import gap_derivatives
 
-Params = dict[str, float]
-Near = Sequence[Sequence[tuple[float, Params]]]  # for each way shares of a function at parameters
+Near = Sequence[
+    Sequence[tuple[float, NamedNumbers]]
+]  # for each way shares of a function at parameters
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,9 @@ class Derived:
 
 
 def values_and_slopes(
-    made: Callable[[Params], Scene],
+    made: Callable[[NamedNumbers], Scene],
     places: Sequence[Place],
-    params: Params,
+    params: NamedNumbers,
     stencils: Near,
     measures: Mapping[str, Measure],
     folder: Path,
@@ -112,7 +113,9 @@ def values_and_slopes(
     return out
 
 
-def stencil(params: Params, name: str, space: FloatDistribution) -> list[tuple[float, Params]]:
+def stencil(
+    params: NamedNumbers, name: str, space: FloatDistribution
+) -> list[tuple[float, NamedNumbers]]:
     """Weights and nearby parameters: the weighted sum of a function's values there is its derivative by the parameter of this name."""
     return [
         (share, {**params, name: params[name] + way})

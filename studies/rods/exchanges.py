@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array, Plain
+from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.shape_distance import root_mean_square
@@ -17,8 +17,8 @@ MOST_SOLVES = 1500  # of rods, for one start: a second and a half
 
 
 def improved(
-    space: SearchSpace, target: Array, starts: Sequence[dict[str, float]]
-) -> list[dict[str, float]]:
+    space: SearchSpace, target: Array, starts: Sequence[NamedNumbers]
+) -> list[NamedNumbers]:
     """Improve starts whose directions are of the set. A choice has no derivative, so it is searched.
 
     From the snapped start, the exchange (_exchanges) that brings the rod nearest to the target is
@@ -42,7 +42,7 @@ def improved(
     limits = space.limits
     if limits is None or limits.allowed is None:
         return list(starts)
-    found: dict[tuple[float, ...], tuple[float, dict[str, float]]] = {}
+    found: dict[tuple[float, ...], tuple[float, NamedNumbers]] = {}
     for start in starts:
         x = space.made(space.embedded(start))
         best = _distance(space, target, x)

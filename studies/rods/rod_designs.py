@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
@@ -252,8 +252,8 @@ def _growing_bounds(
 
 def rod_starts(
     space: SearchSpace, target: Array, seed: int, *, by_bound: bool = False
-) -> list[dict[str, float]]:
-    """Find the rod's best designs as parameters of a study. Numbers within bounds are in the middle of them.
+) -> list[NamedNumbers]:
+    """Find the rod's best designs as parameters of a study. NamedNumbers within bounds are in the middle of them.
 
     Parameters
     ----------

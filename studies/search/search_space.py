@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array, Plain
+from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, put, say, written
 from magmpm.scene.variables import of_lengths, segment_lengths
@@ -366,7 +366,7 @@ class SearchSpace:
                 numbers.append(float(block.read(parameters)[0]))
         return np.array(directions).reshape(-1, 3), np.array(numbers)
 
-    def parameters(self, directions: Array, numbers: Array) -> dict[str, float]:
+    def parameters(self, directions: Array, numbers: Array) -> NamedNumbers:
         """Find the parameters of directions and plain numbers: the inverse of `design`.
 
         Parameters
@@ -381,7 +381,7 @@ class SearchSpace:
         dict[str, float]
             The design.
         """
-        found: dict[str, float] = {}
+        found: NamedNumbers = {}
         vectors = iter(directions)
         values = iter(numbers)
         for block in self.blocks:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.bodies.curves import linear
-from magmpm.compiled.arrays import Array, Named, Plain
+from magmpm.compiled.arrays import Array, Named, NamedNumbers, Plain
 from magmpm.errors import InputError, MagmpmError
 from magmpm.model import build
 from magmpm.results.measures import axis_of_particles
@@ -213,7 +213,7 @@ def finer(result: Result, last: LastEquilibrium, run: Callable[..., Result]) -> 
     return {**known, "rms_m": rms[0], "finer_rms_m": rms[1]}
 
 
-def in_time(folder: Path, design: Named, study: Study | None) -> list[dict[str, float]]:
+def in_time(folder: Path, design: Named, study: Study | None) -> list[NamedNumbers]:
     """Run the best design along time; one row each depth or time, SI. Raises InputError, SolveError."""
     scene = load_scene(folder / BEST / SCENE)
     out = folder / "motion" / f"trial_{design['number']:04d}"
@@ -280,7 +280,7 @@ def in_motion(scene: Scene, study: Study) -> Scene:
     return Scene.from_si(data)
 
 
-def _pushed(motion: Motion, design: Named) -> list[dict[str, float]]:
+def _pushed(motion: Motion, design: Named) -> list[NamedNumbers]:
     """Distances (m) of the pushed body from the equilibrium of each depth, and the force of its walls (N)."""
     scene = motion.scene
     assert scene is not None  # the file says what was run

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Named
+from magmpm.compiled.arrays import Named, NamedNumbers
 from magmpm.viz import style
 
 # of the drawing and its margins, px
@@ -66,7 +66,7 @@ def _sizes(body: Named) -> list[tuple[str, float]]:
     return [("thickness", section["thickness"]), ("width", section["width"])]
 
 
-def _heights(sizes: Sequence[tuple[str, float]], scale: float) -> tuple[dict[str, float], float]:
+def _heights(sizes: Sequence[tuple[str, float]], scale: float) -> tuple[NamedNumbers, float]:
     """Height of each view, px, and how many times thicker than to scale the thinnest is drawn."""
     true = [scale * across for _, across in sizes]
     heights = [min(max(px, 44.0), 120.0) for px in true]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Plain
+from magmpm.compiled.arrays import NamedNumbers, Plain
 from magmpm.errors import InputError
 from magmpm.fields.schedule import places
 from magmpm.inputs.vectors import angles_of
@@ -88,10 +88,10 @@ def _of_number(knob: Knob, scene: Scene) -> Control:
     high = max(knob.high, value)
     step = 1.0 if knob.whole else (high - low) / 400
     name = written(place)
-    return Control(name, "Numbers", name, knob.unit, low, high, step, value, place)
+    return Control(name, "NamedNumbers", name, knob.unit, low, high, step, value, place)
 
 
-def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
+def checked(known: Mapping[str, Control], values: Any) -> NamedNumbers:
     """Values that came from outside: names of controls with finite numbers. Their ranges are the sliders', not the scene's, but a number
     can be typed, so that anything the scene itself allows is. Raises InputError."""
     if not isinstance(values, Mapping):
@@ -123,7 +123,7 @@ def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
     return out
 
 
-def turned(known: Mapping[str, Control], values: Values) -> dict[str, float]:
+def turned(known: Mapping[str, Control], values: Values) -> NamedNumbers:
     """Those values that are not what the scene's own file says."""
     return {name: value for name, value in values.items() if value != known[name].value}
 

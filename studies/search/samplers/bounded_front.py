@@ -23,7 +23,7 @@ from typing import Protocol
 
 from optuna.trial import FrozenTrial
 
-from magmpm.compiled.arrays import Named, Plain
+from magmpm.compiled.arrays import Named, NamedNumbers, Plain
 from magmpm.studies.search.samplers.blocks import Array, Ball, Block
 from magmpm.studies.search.samplers.gauss_newton import (
     PLAN,
@@ -35,7 +35,7 @@ from magmpm.studies.search.samplers.gauss_newton import (
 from magmpm.studies.search.samplers.optuna_ids import value_of
 
 # a distance from the target, as it is foretold, and the design
-Start = tuple[float, dict[str, float]]
+Start = tuple[float, NamedNumbers]
 
 
 class Foretells(Protocol):
@@ -127,7 +127,7 @@ class BoundedFront(PlanningSampler):
 
     def plan(
         self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
-    ) -> tuple[dict[str, float], Plain]:
+    ) -> tuple[NamedNumbers, Plain]:
         """Parameters of the next trial, and what is kept with it."""
         busy = {_bound_of(t) for t in running}
         last = _bound_of(trials[-1]) if trials else None
@@ -148,7 +148,7 @@ class BoundedFront(PlanningSampler):
         trials: Sequence[FrozenTrial],
         running: Sequence[FrozenTrial],
         near: float,
-    ) -> tuple[dict[str, float], Plain] | None:
+    ) -> tuple[NamedNumbers, Plain] | None:
         """The next design within a bound; None where its trials are used up, or its best is near enough."""
         here = [t for t in trials if _bound_of(t) == bound]
         known = [t.params for t in [*trials, *running]]
