@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.assembly import different_names
-from magmpm.compiled.arrays import Array, Named, NamedNumbers, Plain
+from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, count, length, lengths, quantity, report, require
 from magmpm.inputs.user_files import MOST_JSON_BYTES, read_regular
 from magmpm.results import notices
@@ -64,7 +64,7 @@ SOURCES = (
         " magnetic stress)"
     ),
 )  # what a study stands on
-_LATER: Plain = {  # what results saved by earlier versions lack
+_LATER: dict[str, Any] = {  # what results saved by earlier versions lack
     "load_share": 1.0,
     "failure": "",
     "largest_stretch": 1.0,
@@ -259,7 +259,7 @@ class Result:
     """
 
     name: str
-    scene: Plain  # Scene.to_si()
+    scene: dict[str, Any]  # Scene.to_si()
     scene_hash: str
     particle_reference: Array  # (n, 3) m
     particle_position: Array  # (n, 3) m
@@ -281,13 +281,13 @@ class Result:
     min_det_F: float  # no unit
     max_det_F: float  # no unit
     energy: float  # J, counted from the undeformed body in the same field
-    section: NamedNumbers
-    seconds: NamedNumbers
+    section: dict[str, float]
+    seconds: dict[str, float]
     warnings: list[str] = dataclasses.field(default_factory=list)
     versions: dict[str, str] = dataclasses.field(default_factory=dict)
     time: float = 0.0  # s that a motion has lasted; iterations are its steps
     time_step: float = 0.0  # s
-    stable_steps: NamedNumbers = dataclasses.field(
+    stable_steps: dict[str, float] = dataclasses.field(
         default_factory=dict
     )  # s, the bounds on the time step at the start
     formulation: str = "static"  # or quasi_static, total; of old files, updated
@@ -302,10 +302,10 @@ class Result:
         ""  # why the run stopped early; then this is not the answer but the last good state
     )
     largest_stretch: float = 1.0  # no unit: of any particle; of a motion in any frame
-    steps: list[Plain] = dataclasses.field(
+    steps: list[dict[str, Any]] = dataclasses.field(
         default_factory=list
     )  # of equilibria along time, one each: see docs/motion.md
-    jumps: list[Plain] = dataclasses.field(
+    jumps: list[dict[str, Any]] = dataclasses.field(
         default_factory=list
     )  # where a branch of equilibria ended: see docs/motion.md
     tightest_radius: float | None = (
@@ -318,10 +318,12 @@ class Result:
         # m: bound of the error that the grid leaves, where the scene requests an error or a time
         None
     )
-    resolution: Plain | None = None  # what was chosen for it, and how: see docs/accuracy.md
+    resolution: dict[str, Any] | None = (
+        None  # what was chosen for it, and how: see docs/accuracy.md
+    )
     # Of each obstacle at the end: force on the body (3,) N, count of points (or particles) that touch, depth of the deepest (m).
-    contacts: dict[str, Plain] = dataclasses.field(default_factory=dict)
-    effects_chosen: list[Plain] | None = (
+    contacts: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
+    effects_chosen: list[dict[str, Any]] | None = (
         None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
     )
 
@@ -366,7 +368,7 @@ class Result:
 
         return of_result(self)
 
-    def summary(self) -> Plain:
+    def summary(self) -> dict[str, Any]:
         """Return what `magmpm run --json` prints: everything but the particle and grid arrays.
 
         Returns
@@ -534,9 +536,9 @@ class Result:
             raise InputError(_unreadable(folder, error)) from None
 
 
-def _parts_of(scene: Named) -> Named | None:
+def _parts_of(scene: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """The key body.parts of a scene's plain data; None for another body."""
-    body: Named = scene.get("body") or {}
+    body: Mapping[str, Any] = scene.get("body") or {}
     return body.get("parts")
 
 
