@@ -44,7 +44,6 @@ from magmpm.statics.stability import BRINK
 # map is the same on any machine
 PATHS = 8
 AXES = "xyz"
-NUMBER = "field.uniform"  # address of what the map changes
 Path_ = Sequence[tuple[int, Sequence[float]]]  # indices and fields, T
 MARKS = {  # from the worst to the best
     "failed": "no shape at rest was found",
@@ -347,7 +346,7 @@ class TipMap:
         """Plain data, SI, for --json."""
         none = np.isnan(self.tip).any(axis=1)
         return {
-            "number": NUMBER,
+            "number": "field.uniform",  # its address
             "fields": len(self.tip),
             "kind": self.fields.kind,
             "largest_field": float(np.linalg.norm(self.fields.values, axis=1).max()),

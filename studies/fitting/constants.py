@@ -378,13 +378,9 @@ def with_known(constants: Sequence[Constant], known: NamedNumbers) -> tuple[Cons
 
 def _is(constant: Constant, name: str) -> bool:
     """True if a name is a constant's own, that of its kind, or its address, with [*] or not."""
-    each = {place for one in constant.places for place in (written(one), _starred(one))}
-    return name in (constant.name, constant.kind) or name in each
-
-
-def _starred(place: Place) -> str:
-    """The address of each of a list, in which a place is."""
-    return re.sub(r"\[\d+\]", "[*]", written(place))
+    own = [written(place) for place in constant.places]
+    every = [re.sub(r"\[\d+\]", "[*]", one) for one in own]
+    return name in (constant.name, constant.kind, *own, *every)
 
 
 def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:

@@ -13,7 +13,7 @@ from magmpm.compiled.arrays import Array, Plain
 from magmpm.inputs.quantities import divided
 from magmpm.scene.addresses import put, value_at, written
 from magmpm.scene.apparatus import AXIS, POSITION
-from magmpm.studies.fitting.constants import GEOMETRY, Constant, applied, places_of
+from magmpm.studies.fitting.constants import GEOMETRY, applied, places_of
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.search import Fit, Fitted
 from magmpm.studies.fitting.solve import quantile_of
@@ -247,9 +247,10 @@ def text(found: Fit) -> str:
         finer = "" if one.grid_shift is None else f"{factor * one.grid_shift:+.2g}"
         value = f"{factor * one.value:.5g}"
         interval = f"{low:>12} to {high:<11}"
+        address = one.constant.address.removeprefix(one.constant.name)  # unless it is the name
         lines.append(
             f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g} "
-            f" {finer:>11}  {unit:6}  {_other_name(one.constant)}".rstrip()
+            f" {finer:>11}  {unit:6}  {address}".rstrip()
         )
     of_each = ", ".join(
         f"{1e3 * found.sigma_m * ratio:.3g}" for ratio in dict.fromkeys(found.ratios)
@@ -274,11 +275,6 @@ def text(found: Fit) -> str:
         f"  solves           {found.solves} in {found.seconds:.1f} s",
     ]
     return "\n".join(lines)
-
-
-def _other_name(constant: Constant) -> str:
-    """The address of a constant that has another name."""
-    return "" if constant.name == constant.address else constant.address
 
 
 def _exact(found: Fit) -> str:

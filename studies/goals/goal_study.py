@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from magmpm.compiled.arrays import NamedNumbers
-from magmpm.errors import InputError, in_words, shown_unit, undotted
+from magmpm.errors import InputError, in_words, shown_unit
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, read_yaml
@@ -26,7 +26,7 @@ from magmpm.studies.goals.own_function import function_of, source_of
 from magmpm.studies.problem.variables import Vary, VaryAnything
 from magmpm.studies.search.knobs import Knob, Turning, knobs
 from magmpm.studies.search.search_space import segments
-from magmpm.studies.search.study_checks import check_numbers
+from magmpm.studies.search.study_checks import check_numbers, placed
 
 
 @dataclass(frozen=True)
@@ -204,16 +204,7 @@ def load_goal(path: Path | str) -> GoalStudy:
     try:
         return _checked(document, file, scene, turned)
     except InputError as error:
-        raise InputError(f"{document.path}{_line(document, str(error))}: {error}") from None
-
-
-def _line(document: Document, message: str) -> str:
-    """`:LINE` of the key with which a message begins, or of what is around it; "" for a key that the file has not."""
-    named = list(undotted(message.partition(":")[0]))
-    if named[:1] == ["goal"] and isinstance(document["goal"], dict):
-        del named[1]  # one goal is no list
-    around = (tuple(named[:count]) for count in range(len(named), 0, -1))
-    return next((f":{document.lines[key]}" for key in around if key in document.lines), "")
+        raise placed(error, document) from None
 
 
 def _directions(vary: VaryAnything, scene: Scene) -> list[Knob]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, dotted
+from magmpm.errors import InputError, dotted, undotted
 from magmpm.inputs.user_files import folder_fault
 from magmpm.inputs.yaml_document import Document
 from magmpm.scene import Scene
@@ -81,6 +81,29 @@ def place(document: Document, *key: str | int) -> str:
         (document.lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.lines), 1
     )
     return f"{document.path}:{line}: {dotted(key)}"
+
+
+def placed(error: InputError, document: Document) -> InputError:
+    """Add the file, and the line of the key with which a message begins, or of what is around it.
+
+    Parameters
+    ----------
+    error : InputError
+        The error.
+    document : Document
+        The file's content.
+
+    Returns
+    -------
+    InputError
+        The error with its place.
+    """
+    named = list(undotted(str(error).partition(":")[0]))
+    if named[:1] == ["goal"] and isinstance(document["goal"], dict):
+        del named[1]  # one goal is no list
+    around = (tuple(named[:count]) for count in range(len(named), 0, -1))
+    line = next((f":{document.lines[key]}" for key in around if key in document.lines), "")
+    return InputError(f"{document.path}{line}: {error}")
 
 
 def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
@@ -416,7 +439,7 @@ def check_numbers(scene: Scene, vary: Vary, sampler: str | None, document: Docum
     try:
         numbers_space(scene, vary)
     except InputError as error:
-        raise InputError(f"{place(document, 'vary', 'numbers')}: {error}") from None
+        raise placed(error, document) from None
     found = (
         _segments_fault(scene, vary)
         or _lengths_fault(scene, vary.length)
@@ -453,7 +476,7 @@ def check_robust(scene: Scene, file: StudyFile, document: Document) -> None:
         made = errors_of(file.robust, scene)
         variables(scene, [written(place) for change in made for place in change])
     except InputError as error:
-        raise InputError(f"{place(document, 'robust', 'numbers')}: {error}") from None
+        raise placed(error, document) from None
 
 
 Fault = tuple[tuple[str, ...], str, str, str]  # key, value received, rule, remedy
