@@ -247,7 +247,8 @@ def text(found: Fit) -> str:
         finer = "" if one.grid_shift is None else f"{factor * one.grid_shift:+.2g}"
         value = f"{factor * one.value:.5g}"
         interval = f"{low:>12} to {high:<11}"
-        address = one.constant.address.removeprefix(one.constant.name)  # unless it is the name
+        constant = one.constant
+        address = "" if constant.address == constant.name else constant.address
         lines.append(
             f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g} "
             f" {finer:>11}  {unit:6}  {address}".rstrip()
