@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from magmpm.compiled.arrays import Plain
+from magmpm.errors import InputError, in_one_line
 from magmpm.studies.evaluate.trajectory import InsertionTrajectory, ScheduleTrajectory, shapes_of
 from magmpm.studies.evaluate.trial import (
     Differentiate,
@@ -107,7 +108,12 @@ class Evaluator:
         Outcome
             The outcome.
         """
-        scene = self.scene_of(params)
+        try:
+            scene = self.scene_of(params)
+        except InputError as error:  # the scene allows each value, and not all of them together
+            reason = in_one_line(error)
+            known = {"feasible": False, "reason": reason}
+            return Outcome(None, penalty(self.study.scene), None, reason, 0.0, known=known)
         differentiate = self.differentiate if needs_derivatives(self.study) else None
         outcome = self.evaluation.evaluate(self.solve, differentiate, params, self.out / FAILURES)
         known = self._known(outcome, scene, params)

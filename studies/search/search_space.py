@@ -568,12 +568,8 @@ class SearchSpace:
         array (k, 3), no unit
             Unit vectors, or zeros.
         """
-        found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
-        x = self.made(self.embedded(parameters))
-        for turned, at in self.those(SegmentDirection):
-            found[turned.segment] = x[at]
-        order = parameters.get("order")
-        return found if order is None else found[arrangement(self.scene, order)]
+        regions = self.scene_of(parameters).regions()
+        return np.array([region.magnetization for region in regions], dtype=float)
 
     def quantities(self, parameters: Parameters) -> Plain:
         """Find the values of the numbers that vary: lengths base to tip, the diameter, and remanence and shear modulus of each segment.
@@ -621,10 +617,7 @@ class SearchSpace:
         array (3,), T
             The field.
         """
-        found = self.those(FieldVector)
-        if not found:
-            return np.array(self.scene.field.uniform, dtype=float)
-        return found[number][0].read(parameters)
+        return np.array(self.scene_of(parameters, number).field.uniform, dtype=float)
 
     # sensitivities -> embedded coordinates
 

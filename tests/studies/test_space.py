@@ -184,6 +184,28 @@ def test_values_are_chosen_by_address(sampler: str, tmp_path: Path) -> None:
     assert rms == pytest.approx(report.best["rms_m"], rel=1e-9)
 
 
+def test_values_that_are_no_scene_together_fail_their_trial(tmp_path: Path) -> None:
+    """A bore as wide as the body, which each value alone is not; the reason is kept, and the search goes on and is resumed."""
+    vary = """{magnetization: {}, numbers: [{of: body.catheter.diameter, choices: [3 mm, 5 mm]},
+        {of: body.catheter.inner_diameter, min: 2.9 mm, max: 3.5 mm}]}"""
+    study = load_study(write_study(tmp_path, study_of(vary)))
+    run_study(study, solve=solve, out=tmp_path / "out", trials=5)
+    report = run_study(study, solve=solve, out=tmp_path / "out")
+    assert report.trials == 8
+    assert 0 < report.failed < 8
+    import optuna
+
+    kept = optuna.load_study(
+        study_name=study.name, storage=f"sqlite:///{tmp_path / 'out/study.db'}"
+    )
+    for trial in kept.trials:
+        thin = trial.params["body.catheter.diameter"] == "3 mm"
+        broken = thin and trial.params["body.catheter.inner_diameter (mm)"] >= 3.0
+        assert trial.user_attrs["feasible"] != broken
+        told = "must be less than the diameter"
+        assert not broken or told in trial.user_attrs["reason"]
+
+
 @pytest.mark.parametrize(
     ("number", "why"),
     [
