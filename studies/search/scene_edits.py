@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -145,7 +146,25 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
             for name in dict.fromkeys(regions[i].material_name for i in of):
                 place = ("materials", name, what)
                 found.append(within(f"{what}_of_{name}_{unit}", what, ends, factor, place))
-    return tuple(found)
+    return tuple(
+        one if one.segment is not None else replace(one, shared=_copies((one.place,), found, scene))
+        for one in found
+    )
+
+
+def _copies(
+    places: Sequence[Place], numbers: Sequence[VariedNumber], scene: Scene
+) -> tuple[Place, ...]:
+    """Where segments with materials of their own have numbers of the materials that these are copies of, unless that varies by itself."""
+    regions = scene.regions()
+    own = {n.place: n for n in numbers if n.segment is not None and n.place[0] == "materials"}
+    found = {
+        ("materials", copy[1], *place[2:]): None
+        for place in places
+        for copy, number in own.items()
+        if place[:2] == ("materials", regions[number.segment or 0].material_name)
+    }
+    return tuple(place for place in found if place not in own)
 
 
 def addressed(
@@ -184,7 +203,8 @@ def addressed(
     words = [Choice("another key of `vary`", (place,), ()) for place in places]
     numbers: list[VariedNumber] = []
     rest: list[Knob] = []
-    for knob in knobs(vary.numbers or (), scene, words)[len(words) :]:
+    for alone in knobs(vary.numbers or (), scene, words)[len(words) :]:
+        knob = replace(alone, places=(*alone.places, *_copies(alone.places, others, scene)))
         if not isinstance(knob, Bounded):
             rest.append(knob)
             continue

@@ -396,6 +396,28 @@ def test_values_per_material_are_shared(tmp_path: Path) -> None:
     assert set(scene.materials) == {"magnetic", "plain"}
 
 
+@pytest.mark.parametrize(
+    "remanence",
+    [
+        "remanence: {min: 50 mT, max: 200 mT}",
+        "numbers: [{of: materials.magnetic.remanence, min: 50 mT, max: 200 mT}]",
+    ],
+)
+def test_a_materials_number_is_that_of_all_its_segments(remanence: str, tmp_path: Path) -> None:
+    """Also where another number gives each segment a material of its own: in scenes, in files, and in derivatives."""
+    vary = f"{{{remanence}, shear_modulus: {{min: 60 kPa, max: 300 kPa, per: segment}}}}"
+    space = SearchSpace.of(load_study(write_study(tmp_path, study_of(vary))))
+    x = np.full(space.size, 0.1)
+    scene = space.scene_at(x)
+    parameters = space.parameters_at(x)
+    assert {scene.region_material(i).remanence for i in range(5)} == {0.065}
+    content = moved_content(tmp_path / "scene.yaml", tmp_path)
+    space.write(content, parameters)
+    (tmp_path / "design.yaml").write_text(as_yaml(content), encoding="utf-8")
+    assert load_scene(tmp_path / "design.yaml").materials == scene.materials
+    assert_chain(space)
+
+
 def test_kept_lengths_are_the_nearest_that_sum(tmp_path: Path) -> None:
     """A projection: sum and bounds hold, what obeys both stays, and the error is across all that does (the variational inequality)."""
     rng = np.random.default_rng(3)

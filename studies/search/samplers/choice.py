@@ -112,7 +112,7 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
     space = SearchSpace.of(study)
     if name == "gauss-newton" and study.vary.numbers:
         try:
-            variables(study.scene, space.sensitivities)
+            variables(space.scene_at(space.middle), space.sensitivities)
         except InputError as error:
             at, rule, *_ = str(error).splitlines()
             said = f"{at.partition(': ')[2]}: {rule.strip().removeprefix('rule: ')}"
