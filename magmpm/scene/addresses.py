@@ -17,6 +17,7 @@ from magmpm.inputs.settings import validate
 from magmpm.scene.scene import Scene
 
 Place = tuple[str | int, ...]
+Placed = dict[Place, Any]  # values by place: in SI, or as a file has them
 _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d+|\*)\])*)")
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from magmpm.errors import InputError, in_mm
 from magmpm.fields.magnets import taken
 from magmpm.inputs.csv_tables import CsvLine
 from magmpm.inputs.vectors import Vector, from_angles
-from magmpm.scene.addresses import Place, changed
+from magmpm.scene.addresses import Place, Placed, changed
 from magmpm.scene.scene import Scene
 from magmpm.scene.variables import variables
 
@@ -51,7 +50,7 @@ class Apparatus:
             return scene
         if self.inserted is not None:
             scene = variables(scene, ["length"])[0].changed(scene, self.inserted - scene.length)
-        values: dict[Place, Any] = {
+        values: Placed = {
             place: list(value) if isinstance(value, tuple) else value
             for place, value in self.settings
         }

@@ -19,7 +19,7 @@ from magmpm.compiled.arrays import Array, NamedNumbers
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import divided
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, changed, places, value_at, written
+from magmpm.scene.addresses import Place, Placed, changed, places, value_at, written
 from magmpm.scene.variables import Variable, of_lengths, segment_lengths, tangents, variables
 
 OF_MATERIALS = ("shear_modulus", "remanence", "density")
@@ -408,7 +408,7 @@ def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
     InputError
         Where a value leaves what a scene allows.
     """
-    values: dict[Place, Any] = {}
+    values: Placed = {}
     for constant, number in zip(constants, x.tolist(), strict=True):
         value = constant.value(number)
         if constant.kind == "length":

@@ -16,14 +16,14 @@ from magmpm.errors import InputError, in_one_line
 from magmpm.inputs.quantities import KINDS, divided, in_si
 from magmpm.inputs.vectors import Vector, angles_of, from_angles
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, changed, check_apart, places, value_at, written
+from magmpm.scene.addresses import Place, Placed, changed, check_apart, places, value_at, written
 from magmpm.scene.variables import tangents, variables
 from magmpm.studies.problem.study_file import Robust
 from magmpm.studies.problem.variables import Addressed, FreeDirection, VaryNumber
 from magmpm.studies.search.samplers.blocks import Ball, Block, Direction, Number
 
 if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
+    from magmpm.studies.search.samplers.blocks import Distributions
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Knob(ABC):
         return len(self.places)
 
     @abstractmethod
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         """Describe its parameters for Optuna.
 
         Returns
@@ -72,7 +72,7 @@ class Knob(ABC):
         return []
 
     @abstractmethod
-    def at(self, params: Named) -> dict[Place, Any]:
+    def at(self, params: Named) -> Placed:
         """Find the values that parameters, which may be a step beyond their bounds, write into the scene.
 
         Parameters
@@ -174,13 +174,13 @@ class Bounded(Knob):
         """The parameter."""
         return Number(self.name, self.low, self.high, self.log, self.whole)
 
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         return self.block.distributions()
 
     def blocks(self) -> list[Block]:
         return [] if self.whole else [self.block]
 
-    def at(self, params: Named) -> dict[Place, Any]:
+    def at(self, params: Named) -> Placed:
         value = int(params[self.name]) if self.whole else float(params[self.name])
         return dict.fromkeys(self.places, f"{value!r} {self.unit}" if self.unit else value)
 
@@ -226,12 +226,12 @@ class Choice(Knob):
         plain = (str, int, float, NoneType)
         return {v if isinstance(v, plain) else repr(v): v for v in self.values}
 
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         from optuna.distributions import CategoricalDistribution
 
         return {self.name: CategoricalDistribution(tuple(self.shown))}
 
-    def at(self, params: Named) -> dict[Place, Any]:
+    def at(self, params: Named) -> Placed:
         return dict.fromkeys(self.places, self.shown[params[self.name]])
 
     def own(self, scene: Scene) -> Plain:
@@ -316,11 +316,11 @@ class Turning(Knob):
     def _length(self) -> str:
         return f"{self.name} length ({self.unit})" if self.unit else f"{self.name} length"
 
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         from optuna.distributions import FloatDistribution
 
         bounds = [(self.middle - self.turn, self.middle + self.turn), (-90.0, 90.0)]
-        found: dict[str, BaseDistribution] = {
+        found: Distributions = {
             name: FloatDistribution(*ends)
             for name, ends in zip(self._names(), bounds, strict=False)
         }
@@ -370,7 +370,7 @@ class Turning(Knob):
             found[place] = vector
         return found
 
-    def at(self, params: Named) -> dict[Place, Any]:
+    def at(self, params: Named) -> Placed:
         return {
             place: [f"{x!r} {self.unit}" if self.unit else x for x in vector]
             for place, vector in self.vectors(params).items()
@@ -597,7 +597,7 @@ def accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) -> 
         ) from None
 
 
-def distributions(turned: Sequence[Knob]) -> dict[str, BaseDistribution]:
+def distributions(turned: Sequence[Knob]) -> Distributions:
     """Describe all parameters for Optuna.
 
     Parameters
@@ -635,7 +635,7 @@ def made(scene: Scene, turned: Sequence[Knob], params: Named) -> Scene:
     InputError
         Where its values together break a rule of the scene.
     """
-    values: dict[Place, Any] = {}
+    values: Placed = {}
     for knob in turned:
         values |= knob.at(params)
     found = changed(scene, values)

@@ -24,7 +24,7 @@ import numpy as np
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, NamedNumbers, Plain
 from magmpm.scene import Scene
-from magmpm.scene.addresses import Place, put, say, written
+from magmpm.scene.addresses import Place, Placed, put, say, written
 from magmpm.scene.variables import of_lengths, segment_lengths
 from magmpm.studies.problem.variables import Vary
 from magmpm.studies.search.knobs import Choice, Knob, Turning
@@ -49,10 +49,9 @@ from magmpm.studies.search.scene_edits import (
 )
 
 if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
-
     from magmpm.scene.variables import Variable
     from magmpm.studies.problem.study import Study
+    from magmpm.studies.search.samplers.blocks import Distributions
 
 _Kind = TypeVar("_Kind", bound=Block)
 __all__ = ["FIELD", "SearchSpace"]
@@ -216,7 +215,7 @@ class SearchSpace:
         strength, azimuth, elevation = (name.removeprefix("field") for name in FIELD)
         return [(stem + strength, stem + azimuth, stem + elevation) for stem in stems]
 
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         """Describe the parameters as Optuna requests them.
 
         Returns
@@ -489,9 +488,7 @@ class SearchSpace:
         say(content, Scene.from_si(self._data(values)), values)
         self.put_in_order(content, parameters)
 
-    def values(
-        self, x: Array, chosen: Parameters | None = None, field: int = -1
-    ) -> dict[Place, Any]:
+    def values(self, x: Array, chosen: Parameters | None = None, field: int = -1) -> Placed:
         """Find the values that embedded coordinates write into the scene; the order of segments apart.
 
         Parameters
@@ -510,7 +507,7 @@ class SearchSpace:
         """
         x = self.made(x)
         params = {**self.coordinates.write(x), **(chosen or {})} if self.others else {}
-        found: dict[Place, Any] = {}
+        found: Placed = {}
         regions = self.scene.regions()
         for turned, at in self.those(SegmentDirection):
             found["body", *regions[turned.segment].at, "magnetization"] = x[at].tolist()
@@ -758,10 +755,10 @@ class Segments(Knob):
     smooth = False
     tied = 1
 
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         return self.space.distributions()
 
-    def at(self, params: Parameters) -> dict[Place, Any]:
+    def at(self, params: Parameters) -> Placed:
         return self.space.values(self.space.embedded(params))
 
     def arranged(self, scene: Scene, params: Parameters) -> Scene:

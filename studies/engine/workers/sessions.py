@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from optuna import Study
     from optuna.distributions import BaseDistribution
 
+    from magmpm.studies.search.samplers.blocks import Distributions
+
 SESSION = "session"  # user attribute of a trial: the session that runs it
 # ... and the number of the trial, left behind by a session that died, whose design it has
 RERUN_OF = "again"
@@ -108,15 +110,13 @@ class PerTrial(BaseSampler):
             _wait_for_smaller(study, trial, self._silent)
         self._inner.before_trial(study, trial)
 
-    def infer_relative_search_space(
-        self, study: Study, trial: FrozenTrial
-    ) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> Distributions:
         """Search space that the sampler chooses from together; nothing where the design is given."""
         assert self._inner is not None
         return {} if self._given else self._inner.infer_relative_search_space(study, trial)
 
     def sample_relative(
-        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+        self, study: Study, trial: FrozenTrial, search_space: Distributions
     ) -> Plain:
         """The design of a trial."""
         assert self._inner is not None

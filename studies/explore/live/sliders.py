@@ -19,7 +19,7 @@ from magmpm.fields.schedule import places
 from magmpm.inputs.vectors import angles_of
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
-from magmpm.scene.addresses import Place, put, say, written
+from magmpm.scene.addresses import Place, Placed, put, say, written
 from magmpm.scene.addresses import changed as changed_at
 from magmpm.scene.variables import of_lengths
 from magmpm.solving.effects_choice import choose_effects
@@ -238,9 +238,9 @@ def _changed(scene: Scene, known: Mapping[str, Control], new: Values) -> Scene:
     return out.inserted(1e-3 * new[INSERTED]) if INSERTED in new else out
 
 
-def _at_places(known: Mapping[str, Control], new: Values) -> dict[Place, Any]:
+def _at_places(known: Mapping[str, Control], new: Values) -> Placed:
     """Values that turned sliders write into the scene or its file, with units: numbers, and directions by both of their angles."""
-    found: dict[Place, Any] = {}
+    found: Placed = {}
     for name, value in new.items():
         place = known[name].place
         if name == written(place):

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
+    Distributions = dict[str, BaseDistribution]
+
 Array = NDArray[np.float64]
 
 
@@ -73,7 +75,7 @@ class Block(ABC):
             Least and greatest value by name.
         """
 
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         """Describe the parameters for Optuna.
 
         Returns
@@ -393,7 +395,7 @@ class Number(Block):
     def bounds(self) -> dict[str, tuple[float, float]]:
         return {self.name: (self.low, self.high)}
 
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         from optuna.distributions import FloatDistribution, IntDistribution
 
         if self.whole:

@@ -15,7 +15,7 @@ import numpy as np
 from magmpm.studies.search.samplers.blocks import Array, Block
 
 if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
+    from magmpm.studies.search.samplers.blocks import Distributions
 
 DAMPINGS = 24  # tried along the path of steps
 
@@ -73,7 +73,7 @@ class Coordinates(Block):
     def bounds(self) -> dict[str, tuple[float, float]]:
         return {name: pair for block in self.blocks for name, pair in block.bounds().items()}
 
-    def distributions(self) -> dict[str, BaseDistribution]:
+    def distributions(self) -> Distributions:
         return {name: kind for block in self.blocks for name, kind in block.distributions().items()}
 
     def read(self, params: Mapping[str, Any]) -> Array:

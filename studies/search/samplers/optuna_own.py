@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from optuna import Study
 from optuna.distributions import BaseDistribution
@@ -15,6 +15,9 @@ from magmpm.compiled.arrays import Plain
 from magmpm.errors import InputError
 from magmpm.studies.search.parameters import SegmentDirection
 from magmpm.studies.search.search_space import SearchSpace
+
+if TYPE_CHECKING:
+    from magmpm.studies.search.samplers.blocks import Distributions
 
 _ALLOWED = {  # module -> names
     "cmaes": {"CMA", "SepCMA", "CMAwM"},
@@ -95,12 +98,10 @@ class SobolSampler(QMCSampler):
         self._space = space
         self._finished = finished
 
-    def infer_relative_search_space(
-        self, study: Study, trial: FrozenTrial
-    ) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> Distributions:
         return self._space.distributions()  # of the first trial too, which Optuna draws at random
 
-    def _find_sample_id(self, study: Study, search_space: dict[str, BaseDistribution]) -> int:
+    def _find_sample_id(self, study: Study, search_space: Distributions) -> int:
         return self._finished
 
 
@@ -126,13 +127,11 @@ class FieldsByRod(BaseSampler):
             name for block, _ in insertion.space.those(SegmentDirection) for name in block.bounds()
         }
 
-    def infer_relative_search_space(
-        self, study: Study, trial: FrozenTrial
-    ) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> Distributions:
         return self.insertion.space.distributions()
 
     def sample_relative(
-        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+        self, study: Study, trial: FrozenTrial, search_space: Distributions
     ) -> Plain:
         chosen = {name: kind for name, kind in search_space.items() if name in self.names}
         found = self.base.sample_relative(study, trial, chosen)
