@@ -677,7 +677,7 @@ def errors_of(robust: Robust, scene: Scene) -> list[dict[Place, float]]:
         at = f"robust.numbers[{k}]"
         for group in groups(number, scene, at):
             found.append((group, *_deviation(number.deviation, scene, group[0], at)))
-    check_apart([(written(group[0]), group) for group, _, _ in found], "robust")
+    check_apart([(written(group[0]), group) for group, _, _ in found], "robust.numbers")
     changes = list[dict[Place, float]]()
     for group, size, relative in found:
         tilts: tuple[dict[Place, float], ...] = ({}, {})

@@ -155,7 +155,7 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
 def _copies(
     places: Sequence[Place], numbers: Sequence[VariedNumber], scene: Scene
 ) -> tuple[Place, ...]:
-    """Where segments with materials of their own have numbers of the materials that these are copies of, unless that varies by itself."""
+    """Places where segments with materials of their own have numbers of the materials that these copy, unless they vary by themselves."""
     regions = scene.regions()
     own = {n.place: n for n in numbers if n.segment is not None and n.place[0] == "materials"}
     found = {

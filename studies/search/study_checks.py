@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -476,7 +477,8 @@ def check_robust(scene: Scene, file: StudyFile, document: Document) -> None:
         made = errors_of(file.robust, scene)
         variables(scene, [written(place) for change in made for place in change])
     except InputError as error:
-        raise placed(error, document) from None
+        said = re.sub("^of:", "robust.numbers:", str(error))
+        raise placed(InputError(said), document) from None
 
 
 Fault = tuple[tuple[str, ...], str, str, str]  # key, value received, rule, remedy
