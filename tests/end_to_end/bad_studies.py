@@ -82,7 +82,7 @@ CASES = [
     BadStudy("stop left empty", ("stop: {rms: 2 mm}", "stop:"), ("stop: received nothing", "must have a value")),
     # varied quantities
     BadStudy("vary nothing", ("vary:\n  magnetization: {}\n  field: {max: 10 mT}\n", "vary: {}\n"), ("study.yaml:2: vary", "must vary something", "`magnetization: {}`")),
-    BadStudy("vary what it can't", ("  magnetization: {}", "  density: {}"), ("vary.density", "unknown key", "magnetization, field, length")),
+    BadStudy("vary what it can't", ("  magnetization: {}", "  density: {}"), ("vary.density", "unknown key", "magnetization, length, order, numbers, field, diameter")),
     BadStudy("field without a limit", ("field: {max: 10 mT}", "field: {}"), ("vary.field.max: received nothing", "`max: 10 mT`")),
     BadStudy("no field at most", ("max: 10 mT", "max: 0 mT"), ("vary.field.max", "greater than 0 mT")),
     BadStudy("settings where there are none", ("magnetization: {}", "magnetization: {angles: 2}"), ("vary.magnetization.angles", "unknown key")),
