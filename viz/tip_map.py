@@ -52,7 +52,7 @@ def draw(path: Path, name: str, found: MappedTips) -> Path:
     bar = figure.colorbar(
         dots, ax=[sides, front], location="bottom", fraction=0.05, pad=0.02, aspect=45
     )
-    bar.set_label("strength of field.uniform, mT")
+    bar.set_label("strength of the field, mT")
     (_plane if found.kind == "plane" else _sphere)(figure, chart, found)
     handles = [
         chart.scatter(

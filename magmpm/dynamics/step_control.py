@@ -29,7 +29,7 @@ again as the
 What a step adds to the energy where springs of contact begin within it, all those of a face that lands among them, or where the body
 vibrates near the limit of stability, adds up as it touches something again and again. Where loads are constant the sum of all energies is
 known, so it is looked at after every chunk of steps. If it has moved by more than DRIFT of the largest kinetic energy from what it was,
-the chunk is taken back, and steps are halved, up to four times. They grow again where eight chunks changed it by little.
+the chunk is taken back, and steps are halved, up to six times. They grow again where eight chunks changed it by little.
 
 A step given in the scene never changes. Where it is too long, the motion ends with a message.
 """
@@ -266,7 +266,7 @@ class Drift:
 
     def passes(self, total: float, kinetic: float) -> bool:
         """Tell whether the sum may be this after a chunk. If not, nothing is noted but that steps are to be halved."""
-        most_halvings = 4  # the error falls as the square of the step
+        most_halvings = 6  # the error falls as the square of the step, which has an end
         largest = max(self.kinetic, kinetic)
         growth = total - min(self.least, total)
         loss = max(self.most, total) - total
