@@ -183,7 +183,7 @@ def rod_particles(
 
 
 def _cells_across(grid: Grid) -> Index:
-    """NamedNumbers (r, 2) along y and z of a section's cells."""
+    """Numbers (r, 2) along y and z of a section's cells."""
     _, ny, nz = grid.cells
     return np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
 

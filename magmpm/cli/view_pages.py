@@ -152,7 +152,7 @@ class ShapeView:
 
 
 def _numbers(result: Result, rms: float | None) -> list[Plain]:
-    """NamedNumbers shown next to the shape: label, text, and whether it is cause for alarm."""
+    """Numbers shown next to the shape: label, text, and whether it is cause for alarm."""
     rows: list[tuple[str, str, bool]] = (
         [] if result.tip is None else [("tip", lengths(result.tip), False)]
     )

@@ -65,7 +65,7 @@ class OwnLoads:
         )
 
     def state(self) -> NamedNumbers:
-        """NamedNumbers that `restore` needs, at a frame."""
+        """Numbers that `restore` needs, at a frame."""
         return {"own_added": self.added, "own_scale": self.scale, "own_rate": self._rate} | (
             {} if self._start is None else {"own_start": self._start}
         )

@@ -152,7 +152,7 @@ class EnergyBalance:
     kinetic: float = 0.0
 
     def state(self) -> NamedNumbers:
-        """NamedNumbers that `restored` needs."""
+        """Numbers that `restored` needs."""
         return {"balance_least": self.least, "balance_kinetic": self.kinetic}
 
     @classmethod

@@ -76,7 +76,7 @@ def jump_in_words(jump: Named) -> str:
 
 
 class GrowingTable:
-    """A CSV file that grows; its first row names the columns. NamedNumbers keep all digits."""
+    """A CSV file that grows; its first row names the columns. Numbers keep all digits."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -146,7 +146,7 @@ class Strain:
         Returns
         -------
         dict[str, float]
-            NamedNumbers by name.
+            Numbers by name.
         """
         return {
             f"strain_{name}": value

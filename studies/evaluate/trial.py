@@ -64,7 +64,7 @@ class Scatter:
     angles, one along each of two perpendicular axes across d, both of the standard deviation
     `direction` (so the tilt itself, whatever way, has the root mean square of sqrt(2) times that).
     Each material's remanence, and each material's shear modulus, are multiplied by 1 + an error of
-    their own; segments of one material share it. NamedNumbers by their addresses have errors of their
+    their own; segments of one material share it. Numbers by their addresses have errors of their
     own, or of several one.
 
     The gaps g (m, 3) between shape and target then are g0 + J e, with e of the covariance S

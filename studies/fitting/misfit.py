@@ -44,7 +44,7 @@ class Suspect:
     probability : float
         That chance explains as much.
     x : array (k + q,), no unit
-        NamedNumbers of the fit's constants and of its own, with it freed where it is doubted.
+        Numbers of the fit's constants and of its own, with it freed where it is doubted.
     errors : array (k,), no unit
         Standard errors of the fit's.
     degrees : float

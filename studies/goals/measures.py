@@ -345,7 +345,7 @@ class ContactForce(Smooth):
         return np.sum([sign * answer.pushes(name) for name, sign in names.items()], axis=0)
 
     def _counted(self, answer: Answer, sizes: Array) -> tuple[Index, Array]:
-        """NamedNumbers (k,) of the moments that count, and by how much (k,): in a mean by their share of the time."""
+        """Numbers (k,) of the moments that count, and by how much (k,): in a mean by their share of the time."""
         if self.over != "mean" or len(sizes) == 1:
             return np.array(
                 [sizes.argmax() if self.over == "largest" else len(sizes) - 1]

@@ -253,7 +253,7 @@ def _growing_bounds(
 def rod_starts(
     space: SearchSpace, target: Array, seed: int, *, by_bound: bool = False
 ) -> list[NamedNumbers]:
-    """Find the rod's best designs as parameters of a study. NamedNumbers within bounds are in the middle of them.
+    """Find the rod's best designs as parameters of a study. Numbers within bounds are in the middle of them.
 
     Parameters
     ----------

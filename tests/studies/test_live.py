@@ -100,6 +100,7 @@ def test_any_number_can_have_a_slider(tmp_path: Path) -> None:
     known = {control.id: control for control in controls(scene, MORE)}
     values = {"materials.magnetic silicone.remanence": 99.5, "resolution.cells_across": 3.0}
     assert [known[name].value for name in values] == [138.0, 4]
+    assert {known[name].group for name in values} == {"Numbers"}
     assert changed(scene, known, {name: known[name].value for name in values}) == scene
     shown = changed(scene, known, values)
     assert shown.materials["magnetic silicone"].remanence == pytest.approx(0.0995, rel=1e-15)

@@ -88,7 +88,7 @@ def _of_number(knob: Knob, scene: Scene) -> Control:
     high = max(knob.high, value)
     step = 1.0 if knob.whole else (high - low) / 400
     name = written(place)
-    return Control(name, "NamedNumbers", name, knob.unit, low, high, step, value, place)
+    return Control(name, "Numbers", name, knob.unit, low, high, step, value, place)
 
 
 def checked(known: Mapping[str, Control], values: Any) -> NamedNumbers:
