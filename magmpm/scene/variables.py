@@ -203,7 +203,7 @@ def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, 
         _refuse(
             repr(of),
             "must be a list of names",
-            f"write, say, of={[of] if of in _KINDS else ['magnetization', 'field']}",
+            f"write, say, of={[of] if str(of) in _KINDS else ['magnetization', 'field']}",
         )
     found = []
     for kind in dict.fromkeys(of):
@@ -237,8 +237,7 @@ def _at_address(scene: Scene, address: str) -> list[Variable]:
                 "or makes a stream",
                 f"name {shape}, or numbers of `field`, `effects`, `materials` or a magnetization",
             )
-        said = divided(value_at(scene, place, units=True))
-        unit = "" if said is None else said[1]
+        _, unit = divided(value_at(scene, place, units=True)) or (value, "")
         si = next((kind.si for kind in KINDS_OF_QUANTITIES.values() if unit in kind.plain), "1")
         numbered = Variable(ADDRESS, name, si if unit else "1", place)
         found.append(_with_formula(scene, numbered) or numbered)

@@ -190,6 +190,7 @@ class Addressed(Settings):
     """A number of the scene, or several, by their addresses."""
 
     of: str | tuple[str, ...] = Field(
+        min_length=1,
         description=(
             "Its address: the keys of the scene's file, dots between them, [i] or [*] for lists; or"
             " a list of them."

@@ -110,7 +110,7 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
         rule = "gauss-newton differentiates equilibria, and the scene is a motion"
         return rule, "sampler: tpe, or leave `dynamic` out of the scene's solver"
     space = SearchSpace.of(study)
-    if name == "gauss-newton" and study.vary.numbers:
+    if name == "gauss-newton" and study.vary.numbers and space.sensitivities:
         try:
             variables(space.scene_at(space.middle), space.sensitivities)
         except InputError as error:

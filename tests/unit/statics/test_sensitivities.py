@@ -657,6 +657,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
             ),
         ),
         ("field", r"(?s)received 'field'.*must be a list of names.*of=\['field'\]"),
+        ([], r"(?s)received \[\].*must be a list of names"),
     ):
         with pytest.raises(magmpm.InputError, match=text):
             magmpm.sensitivities(scene, of)
