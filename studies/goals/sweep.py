@@ -154,9 +154,9 @@ def sweep(
                 rows[k] = {**said, **known[keys[k]]}
             else:
                 jobs[k] = evaluate.Job(made, work / str(k), measures, beside)
-        count = workers or os.cpu_count() or 1
-        if executor is None and count > 1 and len(jobs) > 1:
-            executor = stack.enter_context(evaluate.Processes(min(count, len(jobs))))
+        count = min(workers or os.cpu_count() or 1, len(jobs))
+        if executor is None and count > 1:
+            executor = stack.enter_context(evaluate.Processes(count))
 
         paths = _paths(jobs, len(combined))
         for k, outcome in _outcomes(jobs, paths, executor, bool(functions)):
@@ -223,7 +223,7 @@ def _combined(
     """Every combination: what is set, and the scene, or why there is none that can be measured. Raises InputError where there is none."""
     values = {address: getattr(of, "tolist", lambda of=of: of)() for address, of in values.items()}
     for address, of in values.items():
-        if isinstance(of, (str, bytes)) or not isinstance(of, Sequence) or not len(of):
+        if isinstance(of, (str, bytes)) or not isinstance(of, Sequence) or not of:
             raise InputError(
                 address,
                 received=repr(of),
@@ -247,7 +247,7 @@ def _combined(
             accepted(scene, settings, ", ".join(said), chosen[0] if len(chosen) == 1 else chosen)
         found.append((said, made))
     said, first = found[0]
-    if isinstance(first, InputError) and all(isinstance(of, InputError) for _, of in found):
+    if all(isinstance(of, InputError) for _, of in found):
         words = ", ".join(f"{address} = {value}" for address, value in said.items())
         raise InputError(f"{words}: {str(first).removeprefix('input: ')}") from None
     return found

@@ -551,12 +551,13 @@ def _range(
     ]
     most = max((abs(low), 0), (abs(high), 1))  # the larger end tells the unit best
     largest = value_at(ends_of[most[1]], group[0])
-    if not isinstance(largest, (int, float)):
+    # a scene brings directions to length 1: a component of one is not the number that was written
+    if not isinstance(largest, (int, float)) or (not unit and abs(largest) != most[0]):
         raise InputError(
             f"{at}.of",
             received=name,
-            rule="must be an address of a number",
-            remedy="give `choices`",
+            rule="must be an address of a number, and of no component of a direction",
+            remedy="give `choices`, or `direction: {}` for the whole direction",
         )
     scale = abs(float(largest)) / most[0]
     return replace(knob, name=f"{name} ({unit})" if unit else name, scale=scale)
@@ -686,8 +687,9 @@ def errors_of(robust: Robust, scene: Scene) -> list[dict[Place, float]]:
             if not isinstance(now, list):
                 tilts[0][place] = size * (now if relative else 1.0)
                 continue
-            for tilt, tangent in zip(tilts, tangents(now), strict=True):
-                length = size * math.hypot(*now)
+            length = size * math.hypot(*now)
+            across = tangents(now) if length else ()  # what is zero has no direction
+            for tilt, tangent in zip(tilts, across, strict=False):
                 tilt |= {(*place, i): length * part for i, part in enumerate(tangent)}
         changes += filter(None, tilts)
     return changes

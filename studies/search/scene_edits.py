@@ -196,11 +196,15 @@ def addressed(
         places.append(("field", "uniform"))
     if vary.length is not None:
         places.append(("body", scene.body.kind, "length"))
+    regions = scene.regions()
     if vary.magnetization is not None:
-        regions = scene.regions()
         turned = vary.magnetization.regions(scene)
         places += [("body", *regions[k].at, "magnetization") for k in turned]
-    words = [Choice("another key of `vary`", (place,), ()) for place in places]
+    for other in others:
+        if other.segment is not None and other.what != "length":  # has a material of its own
+            at = regions[other.segment].at
+            places += [("body", *at, "material"), ("body", at[0], "material")]
+    words = [Choice("another key of `vary`", (place,), ()) for place in dict.fromkeys(places)]
     numbers: list[VariedNumber] = []
     rest: list[Knob] = []
     for alone in knobs(vary.numbers or (), scene, words)[len(words) :]:

@@ -474,11 +474,10 @@ def check_robust(scene: Scene, file: StudyFile, document: Document) -> None:
     if file.robust is None:
         return
     try:
-        made = errors_of(file.robust, scene)
-        variables(scene, [written(place) for change in made for place in change])
+        for change in errors_of(file.robust, scene):
+            variables(scene, [written(place) for place in change])
     except InputError as error:
-        said = re.sub("^of:", "robust.numbers:", str(error))
-        raise placed(InputError(said), document) from None
+        raise placed(InputError(re.sub("^of:", "robust.numbers:", str(error))), document) from None
 
 
 Fault = tuple[tuple[str, ...], str, str, str]  # key, value received, rule, remedy

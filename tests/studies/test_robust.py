@@ -9,6 +9,7 @@ import pytest
 from rod_solve import STUDY, RodSensitivities, solve, write_study
 
 from magmpm.errors import InputError
+from magmpm.inputs.settings import validate
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import written
 from magmpm.scene.variables import variables
@@ -217,3 +218,17 @@ def test_wrong_errors_by_address_are_refused(number: str, told: str, tmp_path: P
     with pytest.raises(InputError, match=r"probe\.yaml:\d+: robust\.numbers") as error:
         load_study(write_study(tmp_path, STUDY + f"robust: {{numbers: [{number}]}}\n"))
     assert told in str(error.value)
+
+
+def test_what_is_zero_has_no_direction_to_err_in(tmp_path: Path) -> None:
+    """Segments without magnetization among all, as the word `direction` leaves them out; a field that the study alone gives."""
+    scene = load_study(write_study(tmp_path, STUDY)).scene
+    plain = scene.model_dump(mode="json")
+    plain["body"]["catheter"]["segments"][1]["magnetization"] = [0, 0, 0]
+    plain["field"]["uniform"] = [0, 0, 0]
+    made = Scene.from_si(plain)
+    every = {"of": "body.catheter.segments[*].magnetization", "deviation": "5 deg"}
+    field = {"of": "field.uniform", "deviation": "5 deg"}
+    by_address = validate(Robust, {"numbers": [every]})
+    assert errors_of(by_address, made) == errors_of(Robust(direction=math.radians(5)), made)
+    assert errors_of(validate(Robust, {"numbers": [field]}), made) == []

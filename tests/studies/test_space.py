@@ -298,6 +298,8 @@ def test_what_has_no_derivative_by_address_goes_by_tpe(tmp_path: Path) -> None:
         ("{of: field.uniform, within: 0 mT}", "must be above 0"),
         ("{of: materials.magnetic.remanence, min: 1 mm, max: 2 mm}", "the scene refuses it"),
         ("{of: materials.magnetic.remanence, min: 1, max: 2}", "a flux density needs a unit"),
+        ("{of: 'body.catheter.segments[0].magnetization[1]', min: -1, max: 1}", "direction: {}"),
+        ("{of: [], min: 1 mT, max: 2 mT}", "must have 1 or more entries"),
     ],
 )
 def test_wrong_numbers_of_shapes_are_refused(number: str, told: str, tmp_path: Path) -> None:
@@ -305,6 +307,23 @@ def test_wrong_numbers_of_shapes_are_refused(number: str, told: str, tmp_path: P
         load_study(write_study(tmp_path, study_of(f"{{numbers: [{number}]}}")))
     assert told in str(error.value)
     assert "remedy" in str(error.value)
+
+
+def test_choices_alone_go_by_tpe(tmp_path: Path) -> None:
+    """They have no derivatives that could be asked for."""
+    vary = "{numbers: [{of: body.catheter.diameter, choices: [3 mm, 4 mm]}]}"
+    text = study_of(vary).replace("sampler: random\n", "")
+    assert load_study(write_study(tmp_path, text)).sampler == "tpe"
+
+
+@pytest.mark.parametrize("of", ["body.catheter.material", "'body.catheter.segments[0].material'"])
+def test_no_material_is_chosen_for_segments_that_have_their_own(of: str, tmp_path: Path) -> None:
+    """The chosen one would take the place of that whose number varies, which would then change nothing."""
+    modulus = "shear_modulus: {min: 60 kPa, max: 300 kPa, per: %s}"
+    vary = f"{{{modulus}, numbers: [{{of: {of}, choices: [magnetic, plain]}}]}}"
+    assert load_study(write_study(tmp_path, study_of(vary % "material"), MIXED)).vary.numbers
+    with pytest.raises(InputError, match="is varied twice"):
+        load_study(write_study(tmp_path, study_of(vary % "segment"), MIXED))
 
 
 def test_a_number_is_not_varied_twice(tmp_path: Path) -> None:
