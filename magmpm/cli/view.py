@@ -85,8 +85,8 @@ def _slider(text: str) -> VaryNumber:
     from magmpm.cli.goals import address_and_values
     from magmpm.studies.problem.variables import VaryNumber
 
-    address, ends = address_and_values(text, "--vary", 2)
-    return VaryNumber(of=address, min=ends[0], max=ends[1])
+    address, (low, high) = address_and_values(text, "--vary", 2)
+    return VaryNumber(of=address, min=low, max=high)
 
 
 def _target(path: Path, scene: Scene) -> tuple[Any, str]:

@@ -109,6 +109,14 @@ def test_any_number_can_have_a_slider(tmp_path: Path) -> None:
     assert again.materials == shown.materials
 
 
+def test_a_number_has_one_slider() -> None:
+    """With the bounds that are asked for: two of one name would show different values of it."""
+    scene = load_scene(FIVE)
+    found = controls(scene, [VaryNumber(of="field.uniform[2]", min="-50 mT", max="50 mT")])
+    assert [c.id for c in found] == [c.id for c in controls(scene)]
+    assert {c.high for c in found if c.id == "field.uniform[2]"} == {50.0}
+
+
 @pytest.mark.parametrize(
     ("number", "told"),
     [

@@ -64,12 +64,19 @@ class Control:
 
 
 def controls(scene: Scene, more: Sequence[VaryNumber] = ()) -> tuple[Control, ...]:
-    """All that can be turned in a scene, in the order in which they are shown; more: other numbers within bounds, by their addresses.
+    """All that can be turned in a scene, in the order in which they are shown; more: numbers within bounds, by their addresses, in place
+    of the usual sliders of these.
 
     Raises InputError as `knobs` does, and for a number that the scene leaves out.
     """
-    usual = (*_field(scene), *_inserted(scene), *_sources(scene), *_directions(scene))
-    return (*usual, *(_of_number(knob, scene) for knob in knobs(more, scene)))
+    every = (
+        *_field(scene),
+        *_inserted(scene),
+        *_sources(scene),
+        *_directions(scene),
+        *(_of_number(knob, scene) for knob in knobs(more, scene)),
+    )
+    return tuple({control.id: control for control in every}.values())
 
 
 def _of_number(knob: Knob, scene: Scene) -> Control:
@@ -110,8 +117,12 @@ def checked(known: Mapping[str, Control], values: Any) -> NamedNumbers:
                 rule="this scene has no such slider",
                 remedy=f"use one of {', '.join(list(known)[:8])}",
             )
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not abs(value) < 1e300:  # compares whole numbers of any size too
+        # the last compares whole numbers of any size too
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, float))
+            or not abs(value) < 1e300
+        ):
             place = f"{known[name].group.lower()} {known[name].label}"
             raise InputError(
                 place,
@@ -147,7 +158,7 @@ def _field(scene: Scene) -> Iterator[Control]:
         return
     if field.over_time is not None and not _uniform_counts(scene):
         return
-    largest = nice(1e3 * max(20e-3, 2 * float(np.linalg.norm(field.uniform))))
+    largest = nice(1e3 * max(20e-3, 2 * np.linalg.norm(field.uniform)))
     group = "Uniform field" if field.varies else "Field"
     for k, value in enumerate(field.uniform):
         place = ("field", "uniform", k)
