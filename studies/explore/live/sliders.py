@@ -118,11 +118,7 @@ def checked(known: Mapping[str, Control], values: Any) -> NamedNumbers:
                 remedy=f"use one of {', '.join(list(known)[:8])}",
             )
         # the last compares whole numbers of any size too
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, (int, float))
-            or not abs(value) < 1e300
-        ):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
             place = f"{known[name].group.lower()} {known[name].label}"
             raise InputError(
                 place,
