@@ -427,7 +427,7 @@ class StudyFile(Search):
     def _of_the_limits(self) -> tuple[str, str, Key] | None:
         """Limits of directions, for directions that vary."""
         if self.limits is not None and self.vary.magnetization is None:
-            rule = "limits apply to directions, and this study varies none"
+            rule = "limits apply to directions that `magnetization` varies, and this study has none"
             return rule, "add `magnetization: {}` to `vary`, or remove `limits`", ("limits",)
         if self.limits is not None and self.limits.directions is not None:
             different = len(set(self.limits.directions))
@@ -459,7 +459,7 @@ class StudyFile(Search):
             )
         second = self.minimize[1:]
         if second == ("largest_field",) and self.vary.field is None:
-            rule = "largest_field is the same in every trial while the field is not varied"
+            rule = "largest_field is that of `field`, which this study does not vary by this name"
             return rule, "add `field: {max: 10 mT}` to `vary`", ("minimize",)
         if (
             second == ("magnetized_volume",)
@@ -467,8 +467,8 @@ class StudyFile(Search):
             and self.vary.diameter is None
         ):
             rule = (
-                "magnetized_volume is the same in every trial while neither lengths nor the"
-                " diameter are varied"
+                "magnetized_volume is that of `length` and `diameter`, which this study does not"
+                " vary by these names"
             )
             return (
                 rule,
