@@ -288,8 +288,8 @@ class Turning(Knob):
         first /= np.linalg.norm(first)
         return first, np.cross(n, first)
 
-    def angles(self, vector: Sequence[float]) -> list[float] | None:
-        """Find the angles of a vector.
+    def angles(self, vector: Sequence[float]) -> list[float]:
+        """Find the angles of a vector, or of the part of it that is in the plane.
 
         Parameters
         ----------
@@ -298,13 +298,11 @@ class Turning(Knob):
 
         Returns
         -------
-        list of float, degrees, or None
-            None for a vector that is out of the plane.
+        list of float, degrees
+            One or two.
         """
         if self.across is None:
             return list(angles_of(vector))
-        if abs(np.dot(self.across, vector)) > 1e-9 * math.hypot(*vector):
-            return None
         first, second = self._frame()
         return [math.degrees(math.atan2(second @ vector, first @ vector))]
 
@@ -379,10 +377,9 @@ class Turning(Knob):
     def own(self, scene: Scene) -> Plain:
         vector = value_at(scene, self.places[0])
         length = math.hypot(*vector)
-        angles = self.angles(vector)
-        if angles is None:
-            return {}
-        found = dict(zip(self._names(), angles, strict=True))
+        if self.across is not None and abs(np.dot(self.across, vector)) > 1e-9 * length:
+            return {}  # out of the plane
+        found = dict(zip(self._names(), self.angles(vector), strict=True))
         if self.longest is None:
             return found if length else {}
         return {**found, self._length: round(length / self.scale, 12)}
@@ -487,7 +484,7 @@ def _turning(
     free = number.direction or FreeDirection()
     knob = Turning(name, group, free.across, number.turned_about, size=math.hypot(*now) or 1.0)
     if free.across is not None:  # the angle's seam is opposite to the scene's own direction
-        angles = knob.angles(now) or [0.0]
+        angles = knob.angles(now)
         turn = 180.0 if free.at_most is None else math.degrees(free.at_most)
         knob = replace(knob, middle=angles[0], turn=turn)
     if number.within is None:

@@ -21,7 +21,7 @@ from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.parameters import Makeable
 from magmpm.studies.search.samplers.choice import check_suits
 from magmpm.studies.search.scene_edits import kept_total, orders
-from magmpm.studies.search.search_space import SearchSpace
+from magmpm.studies.search.search_space import SearchSpace, numbers_space
 
 PLAIN = "  plain: {shear_modulus: 60 kPa, bulk_to_shear: 20}\nbody:"
 MIXED = (
@@ -307,6 +307,20 @@ def test_wrong_numbers_of_shapes_are_refused(number: str, told: str, tmp_path: P
         load_study(write_study(tmp_path, study_of(f"{{numbers: [{number}]}}")))
     assert told in str(error.value)
     assert "remedy" in str(error.value)
+
+
+def test_a_direction_out_of_its_plane_stays_near_its_part_in_the_plane(tmp_path: Path) -> None:
+    """From +y and +z, across y: about +z, and not about an axis that has nothing to do with it."""
+    at = "body.catheter.segments[0].magnetization"
+    vary = f"{{numbers: [{{of: '{at}', direction: {{across: [0, 1, 0], at_most: 30 deg}}}}]}}"
+    study = load_study(write_study(tmp_path, study_of(vary)))
+    plain = study.scene.to_si()
+    plain["body"]["catheter"]["segments"][0]["magnetization"] = [0, 1, 1]
+    space = numbers_space(Scene.from_si(plain), study.vary)
+    ((name, ends),) = space.bounds.items()
+    for angle in ends:
+        x, y, z = space.scene_of({name: angle}).regions()[0].magnetization
+        assert (abs(x), y, z) == pytest.approx((0.5, 0.0, 0.75**0.5), abs=1e-12)
 
 
 def test_choices_alone_go_by_tpe(tmp_path: Path) -> None:
