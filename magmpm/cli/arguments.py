@@ -307,7 +307,9 @@ COMMANDS = {
                 "NAME,...",
                 "addresses of the scene's numbers, with = between those that share one value, or"
                 " their words: shear_modulus, remanence, density, length, magnetization, field,"
-                " damping, viscosity [shear_modulus,remanence, and a motion's losses]",
+                " damping, viscosity [shear_modulus,remanence, and a motion's losses]; may be"
+                " repeated",
+                action="append",
             ),
             _value(
                 "--noise",
@@ -322,7 +324,8 @@ COMMANDS = {
                 "--known",
                 "NAME=SHARE,...",
                 "constants known beforehand, by word or address, with their standard deviations,"
-                " such as remanence=2%%",
+                " such as remanence=2%%; may be repeated",
+                action="append",
             ),
             _value("--level", "PERCENT", "level of the intervals [95]", type=float, default=95.0),
             _value(

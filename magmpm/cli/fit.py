@@ -95,8 +95,11 @@ def _saved(
     return [*(folder / name for name in (REPORT, *contents)), picture]
 
 
-def _list(text: str | None) -> list[str] | None:
-    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
+def _list(texts: list[str] | None) -> list[str] | None:
+    """What has commas between, of an option that may be repeated."""
+    if texts is None:
+        return None
+    return [part.strip() for part in ",".join(texts).split(",") if part.strip()]
 
 
 def _numbers(options: argparse.Namespace) -> Plain:
@@ -116,7 +119,7 @@ def _numbers(options: argparse.Namespace) -> Plain:
         "noise": (
             None
             if options.noise is None
-            else [_quantity("--noise", one, "length") for one in _list(options.noise) or [""]]
+            else [_quantity("--noise", one, "length") for one in _list([options.noise]) or [""]]
         ),
         "angle_noise": _quantity("--angle-noise", options.angle_noise, "angle"),
         "known": known,

@@ -512,8 +512,8 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> N
     assert all(Path(name).stat().st_size > 0 for name in found["files"])
     fitted = load_scene("found/fitted_scene.yaml")
     assert fitted.materials[MATERIAL].shear_modulus == pytest.approx(constant["value"], rel=1e-9)
-    turned = ("--vary", "shear_modulus,segment_1_elevation", "--quick", "--json", "--out", "turned")
-    turned = json.loads(told("fit", measured, scene, *turned).out)
+    turned = ("--vary", "shear_modulus", "--vary", "segment_1_elevation", "--out", "turned")
+    turned = json.loads(told("fit", measured, scene, *turned, "--quick", "--json").out)
     x, _, z = load_scene("turned/fitted_scene.yaml").regions()[0].magnetization
     assert math.atan2(z, x) == pytest.approx(turned["constants"][1]["value"], abs=1e-8)
     several = [*three_tables(tmp_path, 100e3, (0.1, 0.2, 0.2)), scene, "--out", "all"]
