@@ -96,7 +96,7 @@ def _saved(
 
 
 def _list(texts: list[str] | None) -> list[str] | None:
-    """What has commas between, of an option that may be repeated."""
+    """Parts, with commas between, of an option that may be repeated."""
     if texts is None:
         return None
     return [part.strip() for part in ",".join(texts).split(",") if part.strip()]

@@ -154,7 +154,7 @@ def _field(scene: Scene) -> Iterator[Control]:
         return
     if field.over_time is not None and not _uniform_counts(scene):
         return
-    largest = nice(1e3 * max(20e-3, 2 * np.linalg.norm(field.uniform)))
+    largest = nice(1e3 * max(20e-3, 2 * float(np.linalg.norm(field.uniform))))
     group = "Uniform field" if field.varies else "Field"
     for k, value in enumerate(field.uniform):
         place = ("field", "uniform", k)
