@@ -307,8 +307,10 @@ def _paths(jobs: Mapping[int, evaluate.Job], rows: int) -> list[list[int]]:
     together = min(-(-rows // longest), longest)
     paths: dict[tuple[int, int], list[int]] = {}
     for k, job in jobs.items():
-        alone = k if job.scene.in_time or not is_cantilever(job.scene) else -1
-        paths.setdefault((k // together, alone), []).append(k)
+        scene = job.scene
+        # errors that are requested take several grids, whose solves know each other
+        alone = scene.in_time or scene.resolution.requested or not is_cantilever(scene)
+        paths.setdefault((k // together, k if alone else -1), []).append(k)
     return list(paths.values())
 
 
@@ -355,11 +357,9 @@ def _along(jobs: Sequence[evaluate.Job], with_answer: bool) -> Iterator[_Outcome
     judged = with_answer or any(of.stability or of.python for of in measures)
     neighbors = Neighbors()
     following = Following(neighbors.expected, with_stability=judged)
+    options = RunOptions(start=following if len(jobs) > 1 else None, judged=judged)
     for job in jobs:
         scene = job.scene
-        # errors that are requested take several grids, whose solves know each other
-        alone = len(jobs) == 1 or scene.resolution.requested
-        options = RunOptions(start=None if alone else following, judged=judged)
         try:
             if scene.in_time:
                 answer = evaluate.answered(scene, job.folder)
