@@ -266,7 +266,7 @@ class Drift:
 
     def passes(self, total: float, kinetic: float) -> bool:
         """Tell whether the sum may be this after a chunk. If not, nothing is noted but that steps are to be halved."""
-        most_halvings = 6  # the error falls as the square of the step, which has an end
+        most_halvings = 6  # an end to it: the error falls as the square of the step
         largest = max(self.kinetic, kinetic)
         growth = total - min(self.least, total)
         loss = max(self.most, total) - total

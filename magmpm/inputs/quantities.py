@@ -175,6 +175,11 @@ def divided(given: object) -> tuple[float, str] | None:
     return float(match[0]), given.strip()[match.end() :].strip()
 
 
+def kind_of(unit: str) -> str:
+    """The name of the first kind of quantity that has a unit, "" where none has."""
+    return next((name for name, kind in KINDS.items() if unit in kind.plain), "")
+
+
 def in_si(value: float | str, kind: str, what: str) -> float:
     """A number as it is, text with a unit in SI. Raises InputError, about `what`."""
     try:

@@ -16,7 +16,7 @@ from magmpm.effects.contact_law import Obstacle, most_friction
 from magmpm.effects.self_contact import SelfContact
 from magmpm.errors import InputError
 from magmpm.inputs.quantities import KINDS as KINDS_OF_QUANTITIES
-from magmpm.inputs.quantities import divided
+from magmpm.inputs.quantities import divided, kind_of
 from magmpm.inputs.vectors import Vector
 from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.scene.scene import Scene
@@ -238,8 +238,9 @@ def _at_address(scene: Scene, address: str) -> list[Variable]:
                 f"name {shape}, or numbers of `field`, `effects`, `materials` or a magnetization",
             )
         _, unit = divided(value_at(scene, place, units=True)) or (value, "")
-        si = next((kind.si for kind in KINDS_OF_QUANTITIES.values() if unit in kind.plain), "1")
-        numbered = Variable(ADDRESS, name, si if unit else "1", place)
+        kind = kind_of(unit)
+        si = KINDS_OF_QUANTITIES[kind].si if unit and kind else "1"
+        numbered = Variable(ADDRESS, name, si, place)
         found.append(_with_formula(scene, numbered) or numbered)
     return found
 

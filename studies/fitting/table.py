@@ -17,7 +17,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array, Index, NamedNumbers
 from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_lines
-from magmpm.inputs.quantities import KINDS, divided
+from magmpm.inputs.quantities import KINDS, divided, kind_of
 from magmpm.inputs.vectors import Vector
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, places, value_at, written
@@ -482,7 +482,7 @@ def _addressed(header: CsvLine, title: str, scene: Scene) -> _Column:
             f'the column "{title}"',
         )
     own = said[1]
-    kind = next((key for key, kind in KINDS.items() if own in kind.plain), "number")
+    kind = kind_of(own) or "number"
     known = KINDS[kind].plain if kind in KINDS else {"": 1}
     if unit not in known:
         raise header.error(

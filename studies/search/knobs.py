@@ -13,7 +13,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Named, Plain
 from magmpm.errors import InputError, in_one_line
-from magmpm.inputs.quantities import KINDS, divided, in_si
+from magmpm.inputs.quantities import divided, in_si, kind_of
 from magmpm.inputs.vectors import Vector, angles_of, from_angles
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, Placed, changed, check_apart, places, value_at, written
@@ -83,7 +83,7 @@ class Knob(ABC):
         Returns
         -------
         dict[Place, Any]
-            Named by place.
+            Values by place.
         """
 
     def arranged(self, scene: Scene, params: Named) -> Scene:
@@ -698,7 +698,7 @@ def _deviation(given: Any, scene: Scene, place: Place, at: str) -> tuple[float, 
     vector = isinstance(now, list)
     size, unit = _number(given, f"{at}.deviation")
     said = divided(value_at(scene, place, units=True))
-    own = next((key for key, kind in KINDS.items() if said and said[1] in kind.plain), "")
+    own = kind_of(said[1]) if said else ""
     kind = "percentage" if unit == "%" else "angle" if vector else own
     if kind:
         size = in_si(given, kind, f"{at}.deviation")
